@@ -50,7 +50,7 @@ impl<const A: usize> CheckReport<'_, A> {
         if analysis.pierce_periods > 0 {
             let _ = write!(text, ", which take {:.3} s", self.seconds(analysis.pierce_periods));
         }
-        text += &contour_report::text(&analysis.contours, self.machine);
+        text += &contour_report::text(&analysis.scan.contours, self.machine);
         if analysis.tool_periods.len() > 1 {
             let times = analysis.tool_periods.iter();
             let times: Vec<String> =
@@ -163,9 +163,9 @@ impl<const A: usize> CheckReport<'_, A> {
             "rapid_mm": analysis.rapid_mm,
             "pierces": analysis.pierces,
             "pierce_s": self.seconds(analysis.pierce_periods),
-            "contours": contour_report::contours_json(&analysis.contours, self.machine),
-            "contour_count": analysis.contours.count,
-            "materials": contour_report::materials_json(&analysis.contours),
+            "contours": contour_report::contours_json(&analysis.scan.contours, self.machine),
+            "contour_count": analysis.scan.contours.count,
+            "materials": contour_report::materials_json(&analysis.scan.contours),
             "tool_motion_s": analysis
                 .tool_periods
                 .iter()

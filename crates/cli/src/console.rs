@@ -5,17 +5,19 @@
 use std::fs::File;
 use std::io::{BufWriter, IsTerminal, Write};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use retrace_config::{ChannelNames, MachineConfig, NumberedError, RetraceOutputs};
 use retrace_controller::{
-    Event, EventKind, LimitMonitor, LimitReport, MonitorLimits, Observer, PeriodRecord, Telemetry,
+    ContourList, Event, EventKind, LimitMonitor, LimitReport, MonitorLimits, Observer, PeriodRecord, Telemetry,
 };
 use retrace_core::Rate;
 use retrace_journal::HoldReason;
 use retrace_tui::ModelObserver;
 
+use crate::cut_progress::CutProgress;
 use crate::escape;
 use crate::files::unwritable;
 
@@ -61,6 +63,7 @@ pub struct Console<'m, const A: usize> {
     retrace_switched: Option<String>,
     alarms: Vec<String>,
     names: ChannelNames,
+    cut_progress: CutProgress<'m>,
     line: u32,
     shown: Instant,
     /// Number of the last reported period, and whether the machine was at rest in it.
@@ -68,7 +71,7 @@ pub struct Console<'m, const A: usize> {
 }
 
 impl<'m, const A: usize> Console<'m, A> {
-    /// Console; `records` is the path of the file for the records.
+    /// Console; `records` is the path of the file for the records, and `contours` are those of the plan.
     ///
     /// # Errors
     /// `E2105` where that file cannot be created.
@@ -76,6 +79,7 @@ impl<'m, const A: usize> Console<'m, A> {
         show: ConsoleOptions,
         machine: &'m MachineConfig,
         records: Option<&Path>,
+        contours: Option<Arc<ContourList<9>>>,
     ) -> Result<Self, NumberedError> {
         let axis = |i: usize| {
             let axis = &machine.axes[i.min(machine.axes.len() - 1)];
@@ -100,6 +104,7 @@ impl<'m, const A: usize> Console<'m, A> {
             retrace_switched: switches_while_retracing(machine).then(String::new),
             alarms: Vec::new(),
             names,
+            cut_progress: CutProgress::new(machine, contours),
             line: 0,
             shown: Instant::now(),
             last: None,
@@ -178,6 +183,9 @@ impl<'m, const A: usize> Console<'m, A> {
 
 impl<const A: usize> Observer<A> for Console<'_, A> {
     fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        if !matches!(self.show, ConsoleOptions::Screen(_)) {
+            self.cut_progress.observe(telemetry);
+        }
         match telemetry {
             Telemetry::Period(period) => {
                 if self.last.is_some_and(|(last, _)| period.period > last + 1) {
@@ -188,6 +196,11 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
                 self.line = period.line;
                 self.write_record(period);
                 self.progress(period);
+                if matches!(self.show, ConsoleOptions::Json)
+                    && let Some(progress) = self.cut_progress.due_json(period)
+                {
+                    crate::out::line(progress);
+                }
             }
             Telemetry::Event(event) => self.event(event),
             Telemetry::Output(_) | Telemetry::Active(_) => {}
@@ -226,6 +239,14 @@ impl<const A: usize> Console<'_, A> {
             ConsoleOptions::Plain => crate::out::line(event.to_line(&self.names)),
             ConsoleOptions::Bar(bar) => bar.println(escape::lines(&event.to_line(&self.names))),
             ConsoleOptions::Screen(_) => {}
+        }
+        if let Some(list) = self.cut_progress.list(event) {
+            match &self.show {
+                ConsoleOptions::Json => crate::out::line(list.json()),
+                ConsoleOptions::Plain => crate::out::line(list.text()),
+                ConsoleOptions::Bar(bar) => bar.println(escape::lines(&list.text().to_string())),
+                ConsoleOptions::Screen(_) => {}
+            }
         }
     }
 }

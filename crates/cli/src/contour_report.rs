@@ -41,7 +41,8 @@ fn counted(count: u64, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-fn contour_text<const A: usize>(contour: &PlannedContour<A>, machine: &MachineConfig) -> String {
+/// A contour in one line.
+pub fn contour_text<const A: usize>(contour: &PlannedContour<A>, machine: &MachineConfig) -> String {
     let PlannedContour { number, line, cutter, material, length_mm, pierce_mm, end_mm, .. } = contour;
     let sub = contour.subprogram().map(|name| format!(" in {}", crate::escape::name(name))).unwrap_or_default();
     let material = material.as_ref().map(|material| format!(", {}", material_text(material))).unwrap_or_default();
@@ -71,24 +72,27 @@ fn material_text(material: &Material) -> String {
 
 /// Every listed contour.
 pub fn contours_json<const A: usize>(list: &ContourList<A>, machine: &MachineConfig) -> Value {
+    list.contours.iter().map(|contour| contour_json(contour, machine)).collect()
+}
+
+/// A contour of the plan.
+pub fn contour_json<const A: usize>(contour: &PlannedContour<A>, machine: &MachineConfig) -> Map<String, Value> {
     let place = |at: &[f64; A]| -> Value {
         let axes = machine.axes.iter().zip(at);
         axes.map(|(axis, mm)| (axis.name.to_string(), json!(mm))).collect::<Map<_, _>>().into()
     };
-    let contours = list.contours.iter().map(|contour| {
-        json!({
-            "number": contour.number,
-            "line": contour.line,
-            "subprogram": contour.subprogram(),
-            "location": contour.location.as_ref().map(ToString::to_string),
-            "cutter": contour.cutter,
-            "material": contour.material.as_ref().map(|material| material.number),
-            "length_mm": contour.length_mm,
-            "pierce_mm": place(&contour.pierce_mm),
-            "end_mm": place(&contour.end_mm),
-        })
-    });
-    contours.collect()
+    let fields = [
+        ("number", json!(contour.number)),
+        ("line", json!(contour.line)),
+        ("subprogram", json!(contour.subprogram())),
+        ("location", json!(contour.location.as_ref().map(ToString::to_string))),
+        ("cutter", json!(contour.cutter)),
+        ("material", json!(contour.material.as_ref().map(|material| material.number))),
+        ("length_mm", json!(contour.length_mm)),
+        ("pierce_mm", place(&contour.pierce_mm)),
+        ("end_mm", place(&contour.end_mm)),
+    ];
+    fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
 /// Every material that is cut, or whose contours rapids lead to.

@@ -110,7 +110,7 @@ impl JobRunner<'_> {
             }
             None => (None, ConsoleOptions::choose(options.json, program.lines()), None),
         };
-        let console = Console::<A>::new(show, machine, options.records)?;
+        let console = Console::<A>::new(show, machine, options.records, program.planned_contours())?;
         // In wall time an operator can press Enter: a program stop waits.
         let (terminal, enter) = if commands.is_none() && options.wall_time && !options.operator {
             let stops = options.optional_stop.unwrap_or(true);

@@ -22,6 +22,7 @@ mod check_report;
 mod command_failure;
 mod console;
 mod contour_report;
+mod cut_progress;
 mod cycles;
 mod decoder;
 mod diagnostic_json;

@@ -139,7 +139,7 @@ where
     C::Fault: CardFailure,
 {
     let show = if args.format.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
-    let mut console = Console::<A>::new(show, machine, None)?;
+    let mut console = Console::<A>::new(show, machine, None, None)?;
     let (signals, stops) = StopSignals::watch(StopPolicy::Manual).unzip();
     let operators =
         CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us)).with_stop_receiver(stops);

@@ -5,10 +5,10 @@
 
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
-use retrace_controller::{BlockDecoder, DecodedBlock, SourceStatus, interpreter_setup};
+use retrace_controller::{BlockDecoder, ContourList, DecodedBlock, SourceStatus, interpreter_setup};
 use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{Ini, Material, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
 use retrace_journal::{FileHash, FileRole, ReadFile};
@@ -51,6 +51,8 @@ pub struct Program {
     opening: StreamOpening,
     /// Maximum number of blocks in loops and calls that a check executes.
     max_loop_blocks: u64,
+    /// Contours that the last check has found.
+    contours: Arc<Mutex<Option<Arc<ContourList<9>>>>>,
 }
 
 impl Program {
@@ -187,6 +189,7 @@ impl Program {
             has_tool_lengths,
             opening,
             max_loop_blocks,
+            contours: Arc::default(),
         };
         Ok((program, notes))
     }
@@ -211,6 +214,17 @@ impl Program {
         Ok(Self { has_tool_table, has_tool_lengths, ..other })
     }
 
+    /// Contours that the last check has found; `None` for a stream, and before a check.
+    #[must_use]
+    pub fn planned_contours(&self) -> Option<Arc<ContourList<9>>> {
+        self.contours.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Retains the contours that a check has found.
+    pub(crate) fn set_planned_contours(&self, contours: ContourList<9>) {
+        *self.contours.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(contours));
+    }
+
     /// Whether a program is loaded. The screen opens without one.
     #[must_use]
     pub fn is_loaded(&self) -> bool {
@@ -224,7 +238,7 @@ impl Program {
     pub fn reopened(&self, setup: Setup) -> Result<Self, NumberedError> {
         // Subprograms are searched beside this program, not beside the one that the setup belongs to.
         let setup = Setup { files: self.setup.files.clone(), ..setup };
-        let mut again = Self { setup, ..self.clone() };
+        let mut again = Self { setup, contours: Arc::default(), ..self.clone() };
         again.folders.forget();
         if self.prescan.is_some() && self.is_loaded() {
             let (text, hash) = files::program(Path::new(&self.name))?;

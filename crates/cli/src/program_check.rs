@@ -2,7 +2,7 @@
 //!
 //! Invariant: a program with an error never starts.
 
-use retrace_config::{MachineConfig, NumberedError};
+use retrace_config::{CutterKind, MachineConfig, NumberedError};
 use retrace_controller::{CheckFinding, LimitCheck, ProgramAnalysis, analyse_program, check_program};
 use retrace_motion::LimitError;
 use serde_json::Value;
@@ -29,7 +29,20 @@ impl Program {
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
-        self.check_by(&mut Vec::new(), |decoder| Ok(check_program::<9>(machine, decoder)))
+        self.check_by(&mut Vec::new(), |decoder| {
+            let (blocks, findings, mut found) = check_program::<9>(machine, decoder);
+            self.set_planned_contours(std::mem::take(&mut found.contours));
+            Ok((blocks, findings, found))
+        })
+    }
+
+    /// Finds the contours of a program that is not checked because it was checked before. A stream has none before it
+    /// runs.
+    pub fn find_contours(&self, machine: &MachineConfig) {
+        if self.prescan().is_some() && !machine.cutting_outputs.is_empty() {
+            let (_, _, found) = check_program::<9>(machine, &mut self.decoder());
+            self.set_planned_contours(found.contours);
+        }
     }
 
     /// Checks the whole program; see [`Self::check`]. Adds the diagnostics to `diagnostics` for a script, also where it
@@ -75,11 +88,32 @@ impl Program {
         self.check_silently_by(machine, self.shown_decoder())
     }
 
+    /// Checks that a job of this program can begin at this contour. Where the contours are not known yet, only the
+    /// machine is checked.
+    ///
+    /// # Errors
+    /// `E2151` where it cannot.
+    pub fn require_contour(&self, machine: &MachineConfig, contour: Option<u32>) -> Result<(), NumberedError> {
+        let Some(number) = contour else { return Ok(()) };
+        if let Some(beam) = machine.cutters.iter().find(|cutter| cutter.kind == CutterKind::Beam) {
+            let what = format!("--contour {number}: {} is lit in passing, with the first move of a contour", beam.name);
+            return Err(NumberedError::new("E2151", what, "`--start-line` with the line of that move"));
+        }
+        match self.planned_contours() {
+            Some(list) if u64::from(number) > list.count => {
+                let what = format!("--contour {number}: {} has {} contours", self.name(), list.count);
+                Err(NumberedError::new("E2151", what, "`retrace check` lists the contours of a program"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn check_silently_by(&self, machine: &MachineConfig, mut decoder: Decoder) -> Result<(), String> {
         if self.prescan().is_none() {
             return Ok(());
         }
-        let (_, findings, _) = check_program::<9>(machine, &mut decoder);
+        let (_, findings, mut checked) = check_program::<9>(machine, &mut decoder);
+        self.set_planned_contours(std::mem::take(&mut checked.contours));
         let found = diagnostic_json::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
         if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }

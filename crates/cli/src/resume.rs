@@ -137,6 +137,9 @@ struct ResumeStep<'a> {
 impl ResumeStep<'_> {
     fn resume_on<const A: usize>(self) -> Result<u8, CommandFailure> {
         let program = self.program()?;
+        if !self.args.operation.tui {
+            program.find_contours(&self.machine);
+        }
         if planning_fingerprint()? != self.record.job.planner {
             let what = format!(
                 "retrace {} plans motion differently from retrace {}, which started the job",

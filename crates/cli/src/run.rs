@@ -3,7 +3,7 @@
 //! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal
 //! exists.
 
-use retrace_config::{CutterConfig, CutterKind, MachineConfig, NumberedError};
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{JobStart, ScriptInstruction};
 use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
@@ -56,10 +56,6 @@ pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen:
 /// Clock of the simulated card.
 pub fn clock(machine: &MachineConfig, realtime: bool) -> Clock {
     if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual }
-}
-
-fn is_beam(cutter: &CutterConfig) -> bool {
-    cutter.kind == CutterKind::Beam
 }
 
 /// Inputs of a job.
@@ -147,17 +143,7 @@ impl RunContext<'_> {
             let what = format!("--start-line {line}: {} has {lines} lines", program.name());
             return Err(NumberedError::new("E2151", what, "give a line of the program").into());
         }
-        if let (Some(number), Some(beam)) = (self.args.contour, machine.cutters.iter().find(|of| is_beam(of))) {
-            let what = format!("--contour {number}: {} is lit in passing, with the first move of a contour", beam.name);
-            return Err(NumberedError::new("E2151", what, "`--start-line` with the line of that move").into());
-        }
-        if let Some(number) = self.args.contour
-            && let Some(checked) = program.analyse::<A>(machine, &mut Vec::new())?
-            && u64::from(number) > checked.found.contours.count
-        {
-            let what = format!("--contour {number}: {} has {} contours", program.name(), checked.found.contours.count);
-            return Err(NumberedError::new("E2151", what, "`retrace check` lists the contours of a program").into());
-        }
+        program.require_contour(machine, self.args.contour)?;
         Ok(program)
     }
 

@@ -68,6 +68,8 @@ pub struct ContourList<const A: usize> {
     material: Option<Arc<Material>>,
     /// First contour whose location is not known yet.
     unlocated: usize,
+    /// Maximum number of contours that are listed.
+    max_contours: usize,
 }
 
 impl<const A: usize> Default for ContourList<A> {
@@ -80,11 +82,29 @@ impl<const A: usize> Default for ContourList<A> {
             in_force: None,
             material: None,
             unlocated: 0,
+            max_contours: MAX_CONTOURS,
         }
     }
 }
 
 impl<const A: usize> ContourList<A> {
+    /// An empty list, which lists at most this number of contours.
+    pub(crate) fn limited_to(max_contours: usize) -> Self {
+        Self { max_contours, ..Self::default() }
+    }
+
+    /// The contour of this number, if it is listed.
+    #[must_use]
+    pub fn contour(&self, number: u32) -> Option<&PlannedContour<A>> {
+        self.contours.get(usize::try_from(number).ok()?.checked_sub(1)?)
+    }
+
+    /// Length of all contours, listed or not, mm.
+    #[must_use]
+    pub fn cut_mm(&self) -> f64 {
+        self.materials.iter().map(|summary| summary.cut_mm).sum()
+    }
+
     /// Sets the material in force.
     pub(crate) fn set_material(&mut self, material: Option<&Arc<Material>>) {
         let is_same = match (material, &self.material) {
@@ -114,7 +134,7 @@ impl<const A: usize> ContourList<A> {
         self.summary().contours += 1;
         let number = self.count;
         self.open.push((channel, self.contours.len()));
-        if self.contours.len() < MAX_CONTOURS {
+        if self.contours.len() < self.max_contours {
             let (cutter, material) = (cutter.to_owned(), self.material.clone());
             let location = None;
             let [pierce_mm, end_mm] = [at; 2];
@@ -163,10 +183,15 @@ impl<const A: usize> ContourList<A> {
         self.open.iter().any(|&(open, _)| open == channel)
     }
 
-    /// A feed move of this length ends at `at`. Returns whether a cutter is on.
-    pub(crate) fn cut(&mut self, length_mm: f64, at: [f64; A]) -> bool {
+    /// Whether a cutter is on.
+    pub(crate) fn is_cutting(&self) -> bool {
+        !self.open.is_empty()
+    }
+
+    /// A feed move of this length ends at `at`; where no cutter is on, nothing is cut.
+    pub(crate) fn cut(&mut self, length_mm: f64, at: [f64; A]) {
         if self.open.is_empty() {
-            return false;
+            return;
         }
         for &(_, index) in &self.open {
             if let Some(contour) = self.contours.get_mut(index) {
@@ -175,7 +200,6 @@ impl<const A: usize> ContourList<A> {
             }
         }
         self.summary().cut_mm += length_mm;
-        true
     }
 
     /// A rapid move of this length.
@@ -196,9 +220,12 @@ mod tests {
         list.rapid(5.0);
         list.begin(64, "torch", 3, [5.0]);
         list.locate(|| Some(ProgramLocation { line: 3, ..ProgramLocation::default() }));
-        assert!(list.cut(2.0, [7.0]) && list.cut(1.0, [8.0]) && list.is_open(64) && !list.is_open(3));
+        list.cut(2.0, [7.0]);
+        list.cut(1.0, [8.0]);
+        assert!(list.is_cutting() && list.is_open(64) && !list.is_open(3));
         list.end(64, [8.0]);
-        assert!(!list.cut(4.0, [12.0]), "the cutter is off");
+        list.cut(4.0, [12.0]);
+        assert!(!list.is_cutting(), "the cutter is off");
         list.locate(|| panic!("nothing was begun"));
         list.set_material(Some(&other));
         list.begin(64, "torch", 7, [12.0]);

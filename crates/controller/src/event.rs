@@ -225,6 +225,8 @@ pub enum EventKind {
     Contour {
         /// Its number in the program, from 1.
         number: u32,
+        /// Length that is cut, mm.
+        cut_mm: f64,
         /// Length that is not cut, mm.
         not_cut_mm: f64,
     },
@@ -338,8 +340,8 @@ impl Event {
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
             EventKind::CutContinued => json!({"event": "cut_continued"}),
-            EventKind::Contour { number, not_cut_mm } => {
-                json!({"event": "contour", "number": number, "not_cut_mm": not_cut_mm})
+            EventKind::Contour { number, cut_mm, not_cut_mm } => {
+                json!({"event": "contour", "number": number, "cut_mm": cut_mm, "not_cut_mm": not_cut_mm})
             }
             EventKind::Shift([x, y]) => json!({"event": "shift", "x_mm": x, "y_mm": y}),
             EventKind::Lead(shape) => json!({"event": "lead", "shape": shape.name()}),
@@ -454,8 +456,10 @@ impl Event {
                 )
             }
             EventKind::CutContinued => "the cut goes on".into(),
-            EventKind::Contour { number, not_cut_mm: 0.0 } => format!("contour {number} is cut"),
-            EventKind::Contour { number, not_cut_mm } => format!("contour {number}: {not_cut_mm:.2} mm are not cut"),
+            EventKind::Contour { number, not_cut_mm: 0.0, .. } => format!("contour {number} is cut"),
+            EventKind::Contour { number, not_cut_mm, .. } => {
+                format!("contour {number}: {not_cut_mm:.2} mm are not cut")
+            }
             EventKind::Shift([x, y]) if [*x, *y] == [0.0; 2] => "the cutter starts on the path".into(),
             EventKind::Shift([x, y]) => format!("the cutter starts X{x:+.3} Y{y:+.3} mm beside the path"),
             EventKind::Lead(LeadShape::Line) => "shifted starts lead in along a straight line".into(),

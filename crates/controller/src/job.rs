@@ -10,7 +10,7 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc;
 use std::thread;
 
@@ -50,6 +50,9 @@ const ITEM_QUEUE_CAPACITY: usize = 256;
 
 /// Maximum number of findings; a check ends there.
 const MAX_FINDINGS: usize = 100;
+
+/// Maximum number of contours that the check before a run lists for the run.
+const MAX_RUN_CONTOURS: usize = 10_000;
 
 /// Result of a job.
 #[derive(Debug)]
@@ -188,6 +191,8 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let feeder = feeder.with_overrides(heeding).with_tool_lengths(length_offers, &lengths);
     let streamer = RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed)
         .with_durable_place(keeping.durable);
+    let skipped = Arc::<AtomicU32>::default();
+    let within = within.map(|start| (start, Arc::clone(&skipped)));
     let (telemetry, receiver) = telemetry::telemetry_channel(run_mode.wall_time, machine.period_s());
     let (belt, batch) = BlockBatch::channel();
     let given_up = program.cancel_token();
@@ -204,6 +209,7 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
         let interest = CancelOnDrop { cancel: &cancel, source_cancel: given_up };
         let session = Session::new(card, machine, streamer, operators, run_mode, telemetry).with_overrides(requester);
         let session = session.with_manual_moves(hand, program_is).with_length_entry(length_entry);
+        let session = session.with_skipped_contours(skipped);
         let is_real_time = run_mode.real_time && retrace_real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
@@ -295,8 +301,11 @@ pub fn check_program<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
 ) -> (u64, Vec<CheckFinding>, LimitCheck<'m, A>) {
-    let mut sink = LimitCheck::new(machine);
-    let (blocks, mut findings) = feed_program(machine, program, &mut sink);
+    let mut sink = LimitCheck::new(machine).with_contours(MAX_RUN_CONTOURS);
+    let (blocks, mut findings) = feed_each(machine, program, &mut sink, |track, program, sink| {
+        sink.contours.set_material(track.material());
+        sink.contours.locate(|| program.location());
+    });
     findings.extend(sink.beyond.iter().map(LimitFinding::finding));
     findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);

@@ -195,6 +195,9 @@ mod tests {
             override_rate: Rate::ONE,
             rapid_override: Rate::ONE,
             off_path: false,
+            contour: 0,
+            cut_um: 0,
+            burns: false,
         }
     }
 

@@ -10,6 +10,7 @@ use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::check_finding::CheckFinding;
+use crate::contour_list::ContourList;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::soft_limits::{LimitFinding, extremes};
@@ -32,6 +33,8 @@ pub struct LimitCheck<'m, const A: usize> {
     /// Outputs that were on in a feed move and that the machine file does not declare, each with the line that switched
     /// it on.
     undeclared: BTreeMap<u8, u32>,
+    /// Contours and materials, on a machine with a cutter.
+    pub contours: ContourList<A>,
 }
 
 /// Maximum number of findings.
@@ -50,7 +53,15 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             last_mm: None,
             on: BTreeMap::new(),
             undeclared: BTreeMap::new(),
+            contours: ContourList::default(),
         }
+    }
+
+    /// Lists at most this number of contours.
+    #[must_use]
+    pub(crate) fn with_contours(mut self, max_contours: usize) -> Self {
+        self.contours = ContourList::limited_to(max_contours);
+        self
     }
 
     /// The machine whose moves these are.
@@ -91,8 +102,46 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         all
     }
 
+    /// Squared distance over the linear axes, without those in `besides`.
+    pub(crate) fn linear_squared(&self, from: &[f64; A], to: &[f64; A], besides: &[usize]) -> f64 {
+        let axes = self.machine.axes.iter().enumerate().take(A);
+        let linear = axes.filter(|(index, axis)| !axis.is_rotary() && !besides.contains(index));
+        linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
+    }
+
+    /// Path length of an arc from the last position, over the linear axes.
+    pub(crate) fn arc_mm(&self, arc: &Arc<A>) -> f64 {
+        let (from, [p, q]) = (self.at, arc.plane);
+        let radius = (from[p] - arc.centre_mm[0]).hypot(from[q] - arc.centre_mm[1]);
+        let in_plane = radius * arc.sweep(&from).1;
+        (in_plane.powi(2) + self.linear_squared(&from, &arc.end_mm, &arc.plane)).sqrt()
+    }
+
+    /// Records a move of this length to `end_mm` in the contours.
+    fn record_length(&mut self, feed: FeedRate, length_mm: f64, end_mm: [f64; A]) {
+        match feed {
+            FeedRate::Rapid => self.contours.rapid(length_mm),
+            FeedRate::PerSecond(_) | FeedRate::Duration(_) => self.contours.cut(length_mm, end_mm),
+        }
+    }
+
+    /// Records that a cutting output is switched.
+    fn record_cutter(&mut self, change: OutputChange, line: u32) {
+        let (channel, machine) = (change.channel, self.machine);
+        if !machine.cutting_outputs.contains(&channel) {
+            return;
+        }
+        if change.value == 0 {
+            self.contours.end(channel, self.at);
+        } else if !self.contours.is_open(channel) {
+            let name = machine.cutter_of(channel).map_or("", |cutter| cutter.name.as_str());
+            self.contours.begin(channel, name, line, self.at);
+        }
+    }
+
     /// Records that an output is switched.
     fn record_switching(&mut self, change: OutputChange, line: u32) {
+        self.record_cutter(change, line);
         if change.value == 0 {
             self.on.remove(&change.channel);
         } else {
@@ -127,14 +176,17 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
             self.record_feed_move();
         }
         self.moves += 1;
+        let length_mm = self.linear_squared(&self.at, &end_mm, &[]).sqrt();
+        self.record_length(feed, length_mm, end_mm);
         self.at = end_mm;
         self.visit(&end_mm, line);
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<A>, _: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.record_feed_move();
         self.moves += 1;
+        self.record_length(feed, self.arc_mm(arc), arc.end_mm);
         for point in extremes(&self.at, arc) {
             self.visit(&point, line);
         }

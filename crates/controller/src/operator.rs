@@ -91,6 +91,8 @@ pub enum OperatorCommand {
     Recover,
     /// Passes the rest of the contour with its cutter off, and continues the program.
     SkipContour,
+    /// Lists the contours with their states. The observers of the job answer it; the machine does nothing.
+    Contours,
     /// Switches every cutter off immediately.
     CutterOff,
     /// Switches the cutter on manually.
@@ -176,6 +178,7 @@ impl fmt::Display for OperatorCommand {
             Self::Confirm => write!(f, "agree"),
             Self::Recover => write!(f, "recover"),
             Self::SkipContour => write!(f, "skip contour"),
+            Self::Contours => write!(f, "contours"),
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),
             Self::TestPulse => write!(f, "test pulse"),
@@ -359,6 +362,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["leave", "ask"] => OperatorCommand::Leave { ask: true },
         ["agree"] => OperatorCommand::Confirm,
         ["recover"] => OperatorCommand::Recover,
+        ["contours"] => OperatorCommand::Contours,
         ["skip", "contour"] => OperatorCommand::SkipContour,
         ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
         ["cut", "all"] => OperatorCommand::CutAll,
@@ -395,7 +399,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "skip", "test", "tool", "cut", "shift", "lead",
+                "skip", "test", "tool", "cut", "shift", "lead", "contours",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -422,6 +426,7 @@ fn usage_example(word: &str) -> &'static str {
         "optional" => "optional stop on · optional stop off",
         "rapid" => "rapid override 50%",
         "recover" => "recover, without arguments",
+        "contours" => "contours, without arguments",
         "pause" | "online" => "pause and online stand alone",
         _ => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on",
     }
@@ -572,7 +577,8 @@ mod tests {
             ask|agree|output 3 on|single|\
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
-            off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw";
+            off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw|\
+            contours|skip contour|back to contour 3";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);

@@ -2,6 +2,8 @@
 //!
 //! Invariant: it ends when the program ends or planning is cancelled, whatever the decoder is doing.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicU32;
 use std::thread;
 use std::time::Duration;
 
@@ -16,17 +18,17 @@ use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
 use crate::start_line::{SkippedBlocks, StartPoint};
 
-/// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `start`: where
-/// to begin, if not at the first block. `rests`: the blocks behind which the path rests, because an earlier run ended
-/// there.
+/// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `start`: where to
+/// begin, if not at the first block, and where the number of contours before is stored. `rests`: the blocks behind
+/// which the path rests, because an earlier run ended there.
 pub(crate) fn plan<const A: usize>(
     machine: &MachineConfig,
     receiver: BatchReceiver<'_, BlockBatch>,
     batch: BlockBatch,
-    (start, rests): (Option<StartPoint>, Vec<u64>),
+    (start, rests): (Option<(StartPoint, Arc<AtomicU32>)>, Vec<u64>),
     plan_writer: PlanWriter<'_, A>,
 ) -> Option<PlanSummary> {
-    let skipped = start.map(|start| (start, SkippedBlocks::new(*plan_writer.outputs(), machine)));
+    let skipped = start.map(|(start, contours)| (start, SkippedBlocks::new(*plan_writer.outputs(), machine, contours)));
     PlanningThread {
         machine,
         executor: CanonExecutor::new(machine),

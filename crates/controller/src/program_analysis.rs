@@ -16,7 +16,6 @@ use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
 use crate::block_decoder::BlockDecoder;
 use crate::canon_executor::WorkOffset;
 use crate::check_finding::CheckFinding;
-use crate::contour_list::ContourList;
 use crate::job;
 use crate::limit_check::LimitCheck;
 use crate::motion_sink::MotionSink;
@@ -102,8 +101,6 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub feed_beyond: Option<(u32, f64)>,
     /// The tool in the spindle.
     tool: u32,
-    /// Contours and materials, on a machine with a cutter.
-    pub contours: ContourList<A>,
     /// Whether the spindle of a machine without a cutter is on.
     spindle_is_on: bool,
     /// Whether nothing has moved since a cutter was switched on: a dwell is its pierce.
@@ -140,7 +137,6 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             tool_periods: BTreeMap::new(),
             feed_beyond: None,
             tool: 0,
-            contours: ContourList::default(),
             spindle_is_on: false,
             is_piercing: false,
             planner,
@@ -168,25 +164,14 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         }
         self.is_piercing = false;
         match feed {
-            FeedRate::Rapid => {
-                self.rapid_mm += length_mm;
-                self.contours.rapid(length_mm);
-            }
+            FeedRate::Rapid => self.rapid_mm += length_mm,
             FeedRate::PerSecond(_) | FeedRate::Duration(_) => {
-                let is_cut = self.contours.cut(length_mm, self.planner.commanded_mm());
-                if is_cut || self.scan.machine().cutting_outputs.is_empty() {
+                if self.scan.contours.is_cutting() || self.scan.machine().cutting_outputs.is_empty() {
                     self.cutting_mm += length_mm;
                 }
             }
         }
         self.count();
-    }
-
-    /// Squared distance over the linear axes, without those in `besides`.
-    fn linear_squared(&self, from: &[f64; A], to: &[f64; A], besides: &[usize]) -> f64 {
-        let axes = self.scan.machine().axes.iter().enumerate().take(A);
-        let linear = axes.filter(|(index, axis)| !axis.is_rotary() && !besides.contains(index));
-        linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
     }
 
     /// Control periods of the moves of the layer, where the sheet is as expected.
@@ -210,27 +195,27 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         u64::from(until_proof) + u64::from(ignition.stable_periods) + u64::from(ignition.delay_periods)
     }
 
-    /// Records that a cutting output is switched, or the spindle of a machine without one.
-    fn record_cutter(&mut self, change: OutputChange, line: u32) {
-        let machine = self.scan.machine();
-        let (channel, at, is_on) = (change.channel, self.planner.commanded_mm(), change.value != 0);
-        if machine.cutting_outputs.contains(&channel) {
-            if !is_on {
-                self.contours.end(channel, at);
-            } else if !self.contours.is_open(channel) {
-                let name = machine.cutter_of(channel).map_or("", |cutter| cutter.name.as_str());
-                self.contours.begin(channel, name, line, at);
-                self.pierces += 1;
-                self.is_piercing = true;
-            }
-        } else if machine.cutting_outputs.is_empty() && channel == channel::SPINDLE {
+    /// Gives an instruction or an action to the check of the moves, and counts the cutters that it lights.
+    fn scan_switching<R>(&mut self, scan: impl FnOnce(&mut LimitCheck<'m, A>) -> R) -> R {
+        let before = self.scan.contours.count;
+        let done = scan(&mut self.scan);
+        let lit = self.scan.contours.count - before;
+        self.pierces += lit;
+        self.is_piercing |= lit > 0;
+        done
+    }
+
+    /// Records that the spindle of a machine without a cutter is switched.
+    fn record_spindle(&mut self, change: OutputChange) {
+        if self.scan.machine().cutting_outputs.is_empty() && change.channel == channel::SPINDLE {
+            let is_on = change.value != 0;
             self.pierces += u64::from(is_on && !self.spindle_is_on);
             self.spindle_is_on = is_on;
         }
     }
 
-    fn record_switching(&mut self, change: OutputChange, line: u32) {
-        self.record_cutter(change, line);
+    fn record_switching(&mut self, change: OutputChange) {
+        self.record_spindle(change);
         match change.channel {
             channel::SPEED => ValueRange::extend(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
             channel::TOOL => {
@@ -260,7 +245,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
 
 impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
-        let length_mm = self.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
+        let length_mm = self.scan.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
         self.planner.line(end_mm, feed, mode, line)?;
         self.scan.straight(end_mm, feed, mode, line)?;
         self.record_move(feed, length_mm, line);
@@ -268,34 +253,30 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     }
 
     fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
-        let from = self.planner.commanded_mm();
         self.planner.arc(arc, feed, mode, line)?;
-        let [p, q] = arc.plane;
-        let radius = (from[p] - arc.centre_mm[0]).hypot(from[q] - arc.centre_mm[1]);
-        let in_plane = radius * arc.sweep(&from).1;
-        let length_mm = (in_plane.powi(2) + self.linear_squared(&from, &arc.end_mm, &arc.plane)).sqrt();
+        let length_mm = self.scan.arc_mm(arc);
         self.scan.arc(arc, feed, mode, line)?;
         self.record_move(feed, length_mm, line);
         Ok(())
     }
 
     fn action(&mut self, change: OutputChange, line: u32) {
-        self.scan.action(change, line);
-        self.record_switching(change, line);
+        self.scan_switching(|scan| scan.action(change, line));
+        self.record_switching(change);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.rest();
-        self.scan.exclusive(switch)?;
+        self.scan_switching(|scan| scan.exclusive(switch))?;
         let periods = u64::from(switch.periods) + self.start_periods(&switch) + self.layer_periods(&switch);
-        switch.changes.iter().for_each(|&change| self.record_switching(change, switch.line));
+        switch.changes.iter().for_each(|&change| self.record_switching(change));
         match switch.kind {
             ExclusiveKind::Dwell => self.dwell_periods += periods,
             ExclusiveKind::Switch => self.switch_periods += periods,
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
             ExclusiveKind::OptionalStop => {}
         }
-        let lights = switch.changes.iter().any(|change| self.contours.is_open(change.channel));
+        let lights = switch.changes.iter().any(|change| self.scan.contours.is_open(change.channel));
         if self.is_piercing && (lights || switch.kind == ExclusiveKind::Dwell && switch.code == "G4") {
             self.pierce_periods += periods;
         }
@@ -352,8 +333,8 @@ pub fn analyse_program<'m, const A: usize>(
     let mut survey = ProgramAnalysis::new(machine)?;
     let (blocks, mut findings) = job::feed_each(machine, program, &mut survey, |track, program, survey| {
         survey.assign_offset(track.work_offset());
-        survey.contours.set_material(track.material());
-        survey.contours.locate(|| program.location());
+        survey.scan.contours.set_material(track.material());
+        survey.scan.contours.locate(|| program.location());
     });
     survey.rest();
     findings.extend(survey.scan.beyond.iter().map(LimitFinding::finding));

@@ -5,10 +5,13 @@
 //! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down. A cutter that senses
 //! the sheet senses it there before it is lit.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use retrace_config::MachineConfig;
 use retrace_core::RecordIndex;
 use retrace_link::{OutputAction, OutputChange, Outputs};
-use retrace_motion::{Arc, FeedRate, PathMode};
+use retrace_motion::{Arc as PathArc, FeedRate, PathMode};
 
 use crate::canon_executor::HEIGHT;
 use crate::motion_sink::MotionSink;
@@ -38,14 +41,17 @@ pub(crate) struct SkippedBlocks {
     moves: u32,
     /// Number of contours that have begun.
     contours: u32,
+    /// Where the number of contours that are skipped completely is stored for the motion path.
+    skipped_contours: Arc<AtomicU32>,
 }
 
 impl SkippedBlocks {
     /// Creates the state with nothing skipped; the outputs are as given.
     #[must_use]
-    pub(crate) fn new(outputs: Outputs, machine: &MachineConfig) -> Self {
+    pub(crate) fn new(outputs: Outputs, machine: &MachineConfig, skipped_contours: Arc<AtomicU32>) -> Self {
         let (cutting, firing) = (machine.cutter_channels(), machine.cutting_outputs.len());
-        Self { outputs, origins: OutputOrigins::default(), cutting, firing, moves: 0, contours: 0 }
+        let origins = OutputOrigins::default();
+        Self { outputs, origins, cutting, firing, moves: 0, contours: 0, skipped_contours }
     }
 
     /// Whether the job begins with a step of this line.
@@ -76,6 +82,9 @@ impl SkippedBlocks {
         machine: &MachineConfig,
         line: u32,
     ) -> Result<bool, PlanWriteError> {
+        // The contour in which the skipped blocks end is begun here.
+        let is_within = self.cutting[..self.firing].iter().any(|&fire| self.outputs[usize::from(fire)] != 0);
+        self.skipped_contours.store(self.contours - u32::from(is_within && self.contours > 0), Ordering::Release);
         self.switch(plan_writer, line, |channel| !self.cutting.contains(&channel))?;
         let at = plan_writer.commanded_mm();
         let layer = machine.tool_layer().filter(|layer| at[layer.index] == target_mm[layer.index]);
@@ -135,7 +144,7 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
         Ok(())
     }
 
-    fn arc(&mut self, _: &Arc<A>, _: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
+    fn arc(&mut self, _: &PathArc<A>, _: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
         self.moves = self.moves.wrapping_add(1);
         Ok(())
     }

@@ -71,6 +71,12 @@ pub struct PeriodRecord<const A: usize> {
     /// Whether the machine is off the path: jogging, homing, or returning to a breakpoint. The places are then those of
     /// that move.
     pub off_path: bool,
+    /// Number of the contour that is being cut; 0 between two.
+    pub contour: u32,
+    /// Length of it that is cut, µm.
+    pub cut_um: u32,
+    /// Whether the cutter burnt along the path in this period.
+    pub burns: bool,
 }
 
 impl<const A: usize> PeriodRecord<A> {
@@ -98,6 +104,9 @@ impl<const A: usize> PeriodRecord<A> {
             override_rate: Rate::ONE,
             rapid_override: Rate::ONE,
             off_path: false,
+            contour: 0,
+            cut_um: 0,
+            burns: false,
         }
     }
 }

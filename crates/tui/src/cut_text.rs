@@ -2,7 +2,7 @@
 //!
 //! Invariant: they name only keys that work where they are shown.
 
-use crate::model::{MAX_CONTOURS, ScreenModel};
+use crate::model::ScreenModel;
 
 /// Why the machine stands in a cut that ends in this line.
 pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
@@ -20,12 +20,28 @@ pub(crate) const fn confirmation_text(model: &ScreenModel) -> &'static str {
 
 /// How many contours were cut, behind the word *completed*; empty where the program cuts none.
 pub(crate) fn contours_text(model: &ScreenModel) -> String {
-    let (contours, not_whole) = &model.contours;
-    let plural = if *contours == 1 { "" } else { "s" };
-    match not_whole.len() {
-        _ if *contours == 0 => String::new(),
+    let (contours, not_whole) = model.contours.ended();
+    let plural = if contours == 1 { "" } else { "s" };
+    match not_whole {
+        _ if contours == 0 => String::new(),
         0 => format!(", {contours} contour{plural} cut"),
-        MAX_CONTOURS.. => format!(", {MAX_CONTOURS} or more of {contours} contours NOT cut through"),
         count => format!(", {count} of {contours} contour{plural} NOT cut through"),
     }
+}
+
+/// The contour that is being cut, of how many, and how much of it and of the job is cut; `?` for what is not known.
+pub(crate) fn progress_text(model: &ScreenModel) -> Option<String> {
+    let (number, cut_mm) = model.contours.current()?;
+    let planned = model.facts.contours.as_deref();
+    let known = |text: Option<String>| text.unwrap_or_else(|| "?".into());
+    let count = known(planned.map(|list| list.count.to_string()));
+    let length = known(planned.and_then(|list| list.contour(number)).map(|contour| tenths(contour.length_mm)));
+    let of_job = known(planned.map(|list| tenths(list.cut_mm())));
+    let (cut, job) = (tenths(cut_mm), tenths(model.contours.cut_mm()));
+    Some(format!("contour {number} of {count}: {cut} of {length} mm · job {job} of {of_job} mm"))
+}
+
+/// A length in mm with one decimal.
+fn tenths(mm: f64) -> String {
+    format!("{mm:.1}")
 }

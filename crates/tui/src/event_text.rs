@@ -90,6 +90,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Confirm => "confirmed".into(),
         OperatorCommand::Recover if model.cut_end_line.is_some() => "recover the cut".into(),
         OperatorCommand::Recover => "restart the cutter and resume".into(),
+        OperatorCommand::Contours => "list of the contours".into(),
         OperatorCommand::SkipContour => "skip the rest of the contour".into(),
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),

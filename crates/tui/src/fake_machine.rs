@@ -155,6 +155,7 @@ impl FakeMachine {
             | UiCommand::Load(_)
             | UiCommand::Answer(_)
             | UiCommand::CloseRefusal
+            | UiCommand::StartContour(_)
             | UiCommand::Quit => {}
         }
     }
@@ -354,6 +355,9 @@ impl FakeMachine {
             override_rate: self.operation.override_rate(),
             rapid_override: self.operation.rapid_override(),
             off_path: lock_model(&self.model).stage == ScreenStage::Setup,
+            contour: 0,
+            cut_um: 0,
+            burns: false,
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

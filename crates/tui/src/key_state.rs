@@ -8,6 +8,7 @@ use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
+use crate::contour_page::{self, ContourChoice};
 use crate::files;
 use crate::keys::{self, Key, KeyAction, Situation};
 use crate::model::{ScreenModel, ScreenStage};
@@ -30,6 +31,8 @@ pub(crate) enum PendingQuestion {
     ToolLength,
     /// Whether to fire the cutter for a test pulse.
     TestPulse,
+    /// Whether to start the program at this contour.
+    StartContour(u32),
     /// Whether to stop the job.
     Stop,
     /// Path of another program.
@@ -39,7 +42,7 @@ pub(crate) enum PendingQuestion {
 impl PendingQuestion {
     /// Whether the answer is a text, and not a key.
     pub(crate) const fn takes_text(self) -> bool {
-        !matches!(self, Self::Stop | Self::TestPulse)
+        !matches!(self, Self::Stop | Self::TestPulse | Self::StartContour(_))
     }
 }
 
@@ -53,6 +56,8 @@ pub(crate) enum OpenDialog {
     Help(usize),
     /// The tool table.
     Tools,
+    /// The contours, with the number of the one that was marked.
+    Contours(Option<u32>),
     /// All messages, with the number of lines scrolled back.
     Messages(usize),
     /// Prompt: question, text typed so far, and the error in it.
@@ -202,7 +207,10 @@ impl KeyState {
                 PendingQuestion::Stop | PendingQuestion::BackBy | PendingQuestion::Shift | PendingQuestion::ToolLength,
                 ..,
             ) if !is_job => &OpenDialog::Nothing,
-            OpenDialog::Prompt(PendingQuestion::Mdi | PendingQuestion::WorkZero, ..) if is_job => &OpenDialog::Nothing,
+            OpenDialog::Prompt(
+                PendingQuestion::Mdi | PendingQuestion::WorkZero | PendingQuestion::StartContour(_),
+                ..,
+            ) if is_job => &OpenDialog::Nothing,
             open => open,
         }
     }
@@ -327,6 +335,7 @@ impl KeyState {
             KeyAction::Quit => ask(PendingQuestion::Stop, ""),
             KeyAction::Help => OpenDialog::Help(0),
             KeyAction::Tools => OpenDialog::Tools,
+            KeyAction::Contours => OpenDialog::Contours(None),
             KeyAction::Messages => OpenDialog::Messages(0),
             _ => OpenDialog::Nothing,
         };
@@ -426,6 +435,25 @@ impl KeyState {
         })
     }
 
+    /// Handles a key while the contours are shown.
+    fn key_in_contours(&mut self, key: Key, at: Option<u32>, ms: u64, model: &ScreenModel) -> Option<UiCommand> {
+        if let Some(number) = contour_page::moved(model, at, key) {
+            self.open = OpenDialog::Contours(Some(number));
+            return None;
+        }
+        self.open = OpenDialog::Nothing;
+        if key == Key::Enter {
+            match contour_page::choice(model, at) {
+                ContourChoice::Send(command) => return Some(command),
+                ContourChoice::Start(number) => {
+                    self.open = OpenDialog::Prompt(PendingQuestion::StartContour(number), String::new(), None);
+                }
+                ContourChoice::Refuse(why) => self.show_notice(why, ms),
+            }
+        }
+        None
+    }
+
     /// Handles a key while a dialog is open.
     fn key_in_box(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // At the end of the program nothing moves, and file names may have blanks.
@@ -438,6 +466,9 @@ impl KeyState {
         if matches!(key, Key::Char('x' | 'X')) && !is_text_prompt {
             self.open = OpenDialog::Nothing;
             return Some(UiCommand::CutterOff);
+        }
+        if let OpenDialog::Contours(chosen) = self.open {
+            return self.key_in_contours(key, chosen, now_ms, model);
         }
         let OpenDialog::Prompt(ask, text, wrong) = &mut self.open else {
             match (&mut self.open, key) {
@@ -455,7 +486,9 @@ impl KeyState {
         let done = match (*ask, key) {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
             (PendingQuestion::TestPulse, Key::Char('y')) => answer(PendingQuestion::TestPulse, "", model),
-            (PendingQuestion::Stop | PendingQuestion::TestPulse, _) | (_, Key::Esc | Key::Interrupt) => {
+            (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
+            (PendingQuestion::Stop | PendingQuestion::TestPulse | PendingQuestion::StartContour(_), _)
+            | (_, Key::Esc | Key::Interrupt) => {
                 self.open = OpenDialog::Nothing;
                 return None;
             }
@@ -533,6 +566,7 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
         PendingQuestion::TestPulse if model.stage == ScreenStage::Job => Ok(UiCommand::Job(OperatorCommand::TestPulse)),
         PendingQuestion::TestPulse if !model.homed => Err("home the machine first".into()),
         PendingQuestion::TestPulse => Ok(UiCommand::Task(ManualTask::TestPulse)),
+        PendingQuestion::StartContour(number) => Ok(UiCommand::StartContour(number)),
         PendingQuestion::Program if text.is_empty() => Err("enter the path of a program file".into()),
         PendingQuestion::Program => Ok(UiCommand::Load(files::expanded(text))),
     }

@@ -141,6 +141,8 @@ pub(crate) enum KeyAction {
     OpenProgram,
     /// Shows the tool table.
     Tools,
+    /// Shows the contours.
+    Contours,
     /// Next view of the drawing.
     View,
     /// Enlarges the drawing.
@@ -339,6 +341,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('m')], "m", "MDI", "execute one MDI block", SETUP, KeyAction::Mdi),
     row(&[Key::Char('z')], "z", "zero", "set the work zero here: one axis or all", SETUP, KeyAction::WorkZero),
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
+    row(&[Key::Char('C')], "C", "contours", "the contours: what is cut of each; Enter goes there", EVER,
+        KeyAction::Contours),
     row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, KeyAction::Tools),
     row(&[Key::Char('o')], "o", "output", "switch an output: number or name, then + or -", SETUP | JOB,
         KeyAction::Output),

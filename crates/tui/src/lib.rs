@@ -27,6 +27,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod contour_page;
 mod cut_text;
 mod diagnostic_text;
 mod event_text;

@@ -2,10 +2,10 @@
 //!
 //! Invariant: its size is bounded however long the job is. The screen is a function of this model and of the key state.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use retrace_controller::CutterState;
+use retrace_controller::{ContourStates, CutterState};
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -14,9 +14,6 @@ use retrace_link::channel;
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
 use crate::trail::Trail;
-
-/// Maximum number of contours that are remembered as not whole.
-pub(crate) const MAX_CONTOURS: usize = 1000;
 
 /// Maximum number of retained messages.
 pub(crate) const MESSAGES: usize = 200;
@@ -232,8 +229,8 @@ pub struct ScreenModel {
     pub recovering: bool,
     /// Instruction that a restart executes again.
     pub restarting: Option<&'static str>,
-    /// Number of contours that have ended, and the numbers of those that are not whole, at most 64.
-    pub contours: (u32, BTreeSet<u32>),
+    /// States of the contours of the job.
+    pub contours: ContourStates,
     /// Whether the machine is at rest where the program switched the cutter, which is on manually.
     pub at_cutter_boundary: bool,
     /// Modal state.
@@ -314,7 +311,7 @@ impl ScreenModel {
             lost_cutter: None,
             recovering: false,
             restarting: None,
-            contours: (0, BTreeSet::new()),
+            contours: ContourStates::default(),
             at_cutter_boundary: false,
             active: Active::default(),
             alarm: None,

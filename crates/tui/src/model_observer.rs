@@ -2,7 +2,7 @@
 //!
 //! Invariant: telemetry is applied in the order in which it arrives; the lock is held for one item at a time.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
@@ -16,7 +16,7 @@ use retrace_journal::HoldReason;
 use retrace_link::{CutterOffCause, channel};
 
 use crate::event_text;
-use crate::model::{Active, AlarmShown, MAX_CONTOURS, MotionKind, Pause, ScreenModel, ScreenStage};
+use crate::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
 use crate::path_length::PathLengths;
 use crate::program_outputs::ProgramOutputs;
 use crate::trail::{Trail, TrailPoint};
@@ -136,6 +136,7 @@ impl<const A: usize> Observer<A> for ModelObserver {
     fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
         let mut model = lock_model(&self.model);
         model.changes += 1;
+        model.contours.observe(telemetry);
         match telemetry {
             Telemetry::Period(period) => {
                 apply_period(&mut model, period);
@@ -301,6 +302,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
                 | OperatorCommand::BackBy(_)
                 | OperatorCommand::BackToBlock
                 | OperatorCommand::BackToPierce
+                | OperatorCommand::BackToContour(_)
                 | OperatorCommand::BackToCutEnd => model.recovering = false,
                 _ => {}
             }
@@ -322,15 +324,6 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         }
         EventKind::CutEnd { line, .. } => model.cut_end_line = Some(*line),
         EventKind::CutFromHere { .. } => model.recovering = false,
-        EventKind::Contour { number, not_cut_mm } => {
-            let (ended, not_whole) = &mut model.contours;
-            *ended = (*ended).max(*number);
-            if *not_cut_mm == 0.0 {
-                not_whole.remove(number);
-            } else if not_whole.len() < MAX_CONTOURS {
-                not_whole.insert(*number);
-            }
-        }
         EventKind::CutterOff { channel, reason } => {
             model.cutter_off_reasons.insert(*channel, reason.name());
             let holds =
@@ -381,7 +374,7 @@ fn begin(model: &mut ScreenModel, event: &Event) {
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
     (model.cut_end_line, model.lost_cutter) = (None, None);
-    (model.recovering, model.restarting, model.contours) = (false, None, (0, BTreeSet::new()));
+    (model.recovering, model.restarting) = (false, None);
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();
     }

@@ -4,8 +4,10 @@
 
 use retrace_core::RecordIndex;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use retrace_config::{CutterConfig, MachineConfig, channel_name};
+use retrace_controller::ContourList;
 use retrace_link::channel;
 
 use crate::preview::Preview;
@@ -30,6 +32,8 @@ pub struct CutterFacts {
     pub fire: u8,
     /// All channels that belong to it.
     pub channels: Vec<u8>,
+    /// Input that proves it, if it has one.
+    pub ok_input: Option<u8>,
 }
 
 /// Duration of all motion of a program, from the plan itself.
@@ -86,8 +90,8 @@ pub struct ProgramFacts {
     pub start_position_mm: Vec<f64>,
     /// Duration of all motion at an override of 100 %.
     pub planned: Planned,
-    /// Number of contours of the program, where it is known.
-    pub contours: Option<u64>,
+    /// Contours of the program, where they are known.
+    pub contours: Option<Arc<ContourList<9>>>,
     /// Record at which the job's path starts.
     pub first_place: RecordIndex,
     /// Path of the program, and the ends of its blocks.
@@ -162,7 +166,12 @@ impl ProgramFacts {
 fn cutter_facts(cutter: &CutterConfig) -> CutterFacts {
     let auxiliaries = [cutter.arm, cutter.assist, cutter.abrasive].into_iter().flatten();
     let channels = std::iter::once(cutter.fire).chain(auxiliaries).collect();
-    CutterFacts { name: cutter.name.clone(), fire: cutter.fire, channels }
+    CutterFacts {
+        name: cutter.name.clone(),
+        fire: cutter.fire,
+        channels,
+        ok_input: cutter.proof.map(|proof| proof.input),
+    }
 }
 
 /// Text of a program, by line.

@@ -351,7 +351,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
         (2, 1.5, "completed, 1 of 2 contours NOT cut through;"),
         (2, 0.0, "completed, 2 contours cut;"),
     ] {
-        event(EventKind::Contour { number, not_cut_mm });
+        event(EventKind::Contour { number, cut_mm: 60.0 - not_cut_mm, not_cut_mm });
         says(contours);
     }
 }

@@ -17,6 +17,8 @@ pub enum UiCommand {
     Turn(i32),
     /// Start the program.
     Start,
+    /// Start the program at the contour of this number.
+    StartContour(u32),
     /// Return to setup after a job.
     SetUp,
     /// Load another program from this file.

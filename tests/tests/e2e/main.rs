@@ -8,6 +8,7 @@ mod card;
 mod check;
 mod check_contours;
 mod command;
+mod contours;
 mod cut_resume;
 mod cutter;
 mod dnc;

@@ -134,7 +134,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
         loop {
             match self.commands.try_recv() {
-                Ok(UiCommand::Start) => self.run_job(),
+                Ok(UiCommand::Start) => self.run_job(self.args.clone()),
+                Ok(UiCommand::StartContour(number)) => self.run_from_contour(number),
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
                 Ok(UiCommand::Load(path)) => self.load_program(path),
@@ -331,8 +332,13 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
-    /// Runs the program from the current position.
-    fn run_job(&mut self) {
+    /// Runs the program from a contour on.
+    fn run_from_contour(&mut self, number: u32) {
+        self.run_job(args::Run { start_line: None, contour: Some(number), ..self.args.clone() });
+    }
+
+    /// Runs the program from the current position; `args` has where it begins.
+    fn run_job(&mut self, args: args::Run) {
         if lock_model(&self.router.model).stage == ScreenStage::Job {
             return;
         }
@@ -347,6 +353,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(program) => program,
             Err(why) => return self.show_refusal(&why),
         };
+        if let Err(refusal) = program.require_contour(&machine, args.contour) {
+            return self.show_refusal(&refusal.to_string());
+        }
         if let Err(fault) = self.card.begin_path(PathStart::at(RecordIndex::new(0))) {
             return self.emit(EventKind::Alarm(CardError::from(fault)));
         }
@@ -354,7 +363,6 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let at_screen =
             TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
         let machine_and_card = self.machine_and_card.clone();
-        let args = self.args.clone();
         let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &machine_and_card);
         let done = self.begin_journal(&job).and_then(|journal| job.run(&mut *self.card, journal, Some(at_screen)));
         self.router.end_job();

@@ -39,6 +39,7 @@ pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts 
         tool_names,
         check,
         layer_axis,
+        contours: program.planned_contours(),
         ..ProgramFacts::of(machine, &file_name(program.name()), &program.text())
     }
 }
@@ -161,17 +162,17 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     if !is_checked && let Err(why) = program.check_silently(&machine) {
         refused(why);
     } else {
-        publish(model, number, |facts| ProgramFacts { check: ProgramCheck::Ready, ..facts });
+        let contours = program.planned_contours();
+        publish(model, number, |facts| ProgramFacts { check: ProgramCheck::Ready, contours, ..facts });
     }
     let cancellable = |decoder| CancellableDecoder { decoder, number };
     let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
     let analysed = analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
-    let (planned, contours) = analysed.map_or((Planned::Unknown, None), |(_, _, analysis)| {
-        let planned = Planned::Known(analysis.motion_periods as f64 * machine.period_s());
-        (planned, Some(analysis.contours.count))
+    let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
+        Planned::Known(analysis.motion_periods as f64 * machine.period_s())
     });
-    publish(model, number, |facts| ProgramFacts { planned, contours, ..facts });
+    publish(model, number, |facts| ProgramFacts { planned, ..facts });
 }
 
 /// Publishes changed facts. They are copied outside the lock of the model.

@@ -38,6 +38,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if command == OperatorCommand::Contours {
+            // The observers answer it.
+            return Ok(());
+        }
         self.end_test_pulse_by(command)?;
         if !matches!(command, OperatorCommand::CutFromHere(_) | OperatorCommand::CutAll) {
             // A refused *cut* is confirmed by the very next word only.
@@ -76,6 +80,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::SkipContour => return self.skip_contour(),
+            // Handled above.
+            OperatorCommand::Contours => {}
             OperatorCommand::Single => self.toggle_single_block(),
             OperatorCommand::Hold => {
                 if self.restart.is_active() && self.cutter_states.contains(&CutterState::Sensing) {

@@ -6,6 +6,9 @@
 //! Invariant: the ranges are disjoint and in the order of the path; a contour that is executed again keeps its number.
 //! Nothing allocates after the start.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use retrace_core::{Distance, Place, RecordIndex};
 
 /// Most ranges that are retained, and most contours. Beyond them the oldest are forgotten.
@@ -28,6 +31,15 @@ pub(super) struct Contour {
     pub(super) end: Option<RecordIndex>,
     /// Length that is not cut, µm, as it was when the contour ended last.
     pub(super) not_cut_um: u64,
+    /// Length that is cut, nm: a place that is cut twice counts once.
+    cut_nm: u64,
+}
+
+impl Contour {
+    /// Length that is cut, µm.
+    pub(super) const fn cut_um(&self) -> u64 {
+        self.cut_nm / 1000
+    }
 }
 
 /// What is cut of a contour.
@@ -49,10 +61,16 @@ pub(super) struct CutMap {
     /// The last stretch in which the cutter burnt without a break.
     stretch: Option<[Place; 2]>,
     contours: Vec<Contour>,
+    /// Number of contours of the program before the first one, where the job begins within it.
+    skipped: Arc<AtomicU32>,
     /// Number of the last contour of the program that was begun.
     last_number: u32,
+    /// Number of contours that were begun.
+    begun: u32,
     /// Index of the contour that is being cut.
     current: Option<usize>,
+    /// Whether a cutter burnt in the last control period.
+    pub(super) burns: bool,
 }
 
 impl CutMap {
@@ -63,13 +81,37 @@ impl CutMap {
             ranges: Vec::with_capacity(capacity),
             stretch: None,
             contours: Vec::with_capacity(capacity),
+            skipped: Arc::default(),
             last_number: 0,
+            begun: 0,
             current: None,
+            burns: false,
         }
     }
 
-    /// Records a control period in which the cutter burnt, from this place to that.
-    pub(super) fn record_cut(&mut self, from: Place, to: Place) {
+    /// Sets where the number of contours is found that the program has before the first one of the job.
+    pub(super) fn number_from(&mut self, skipped: Arc<AtomicU32>) {
+        self.skipped = skipped;
+    }
+
+    /// Whether the record that ends at this place, or in which it lies, is known to be cut.
+    fn is_cut_before(&self, place: Place) -> bool {
+        let in_stretch = |[begin, end]: [Place; 2]| {
+            begin.distance_to(place) > Distance::ZERO && place.distance_to(end) >= Distance::ZERO
+        };
+        let record = if place.fraction == 0 { place.record - 1 } else { place.record };
+        let at = self.ranges.partition_point(|[_, end]| !record.is_before(*end));
+        self.stretch.is_some_and(in_stretch) || self.ranges.get(at).is_some_and(|[begin, _]| !record.is_before(*begin))
+    }
+
+    /// Records a control period in which the cutter burnt, from this place to that; `length_mm` is the length of the
+    /// motion.
+    pub(super) fn record_cut(&mut self, from: Place, to: Place, length_mm: f64) {
+        if !self.is_cut_before(to)
+            && let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index))
+        {
+            contour.cut_nm += (length_mm * 1e6).round() as u64;
+        }
         let is_within = |[begin, end]: [Place; 2]| {
             begin.distance_to(from) >= Distance::ZERO && from.distance_to(end) >= Distance::ZERO
         };
@@ -130,9 +172,13 @@ impl CutMap {
             if self.contours.len() == MAX_RANGES {
                 self.contours.remove(0);
             }
+            if self.last_number == 0 {
+                self.last_number = self.skipped.load(Ordering::Acquire);
+            }
             self.last_number += 1;
+            self.begun += 1;
             let number = self.last_number;
-            self.contours.push(Contour { number, line, channel, pierce, end: None, not_cut_um: 0 });
+            self.contours.push(Contour { number, line, channel, pierce, end: None, not_cut_um: 0, cut_nm: 0 });
             self.current = Some(self.contours.len() - 1);
         }
     }
@@ -240,6 +286,11 @@ impl CutMap {
         self.current.is_some()
     }
 
+    /// The contour that is being cut.
+    pub(super) fn current(&self) -> Option<&Contour> {
+        self.current.and_then(|index| self.contours.get(index))
+    }
+
     /// The contours that were begun.
     pub(super) fn contours(&self) -> &[Contour] {
         &self.contours
@@ -247,12 +298,12 @@ impl CutMap {
 
     /// Number of the contour that is being cut, or was cut last; 0 before the first.
     pub(super) fn current_number(&self) -> u32 {
-        self.current.and_then(|index| self.contours.get(index)).map_or(self.last_number, |contour| contour.number)
+        self.current().map_or(self.last_number, |contour| contour.number)
     }
 
     /// Number of contours that were begun, and length that is not cut of all, µm.
     pub(super) fn totals(&self) -> (u32, u64) {
-        (self.last_number, self.contours.iter().map(|contour| contour.not_cut_um).sum())
+        (self.begun, self.contours.iter().map(|contour| contour.not_cut_um).sum())
     }
 }
 
@@ -280,8 +331,8 @@ mod tests {
             for (from, length) in stretches {
                 let to = from + length;
                 // in several periods
-                map.record_cut(place(from), place(from + length / 2));
-                map.record_cut(place(from + length / 2), place(to));
+                map.record_cut(place(from), place(from + length / 2), 0.0);
+                map.record_cut(place(from + length / 2), place(to), 0.0);
                 let joined = last.filter(|&[begin, end]| (begin..=end).contains(&from));
                 let stretch = joined.map_or([from, to], |[begin, end]| [begin, end.max(to)]);
                 if joined.is_some() {
@@ -309,16 +360,28 @@ mod tests {
         let (mut map, at) = (CutMap::new(true), |n: u32| RecordIndex::new(n));
         let length = |_, records: u32| u64::from(records) * 10;
         map.begin_contour(at(100), 7, 64);
-        map.record_cut(Place::start_of(at(100)), Place::start_of(at(150)));
-        map.record_cut(Place::start_of(at(160)), Place::start_of(at(198)));
+        map.record_cut(Place::start_of(at(100)), Place::start_of(at(150)), 0.5);
+        map.record_cut(Place::start_of(at(160)), Place::start_of(at(198)), 0.38);
         let contour = map.end_contour(at(200), length).expect("it was begun");
         assert_eq!((contour.number, contour.line, contour.not_cut_um), (1, 7, 100), "the last two records are no gap");
+        assert_eq!(contour.cut_um(), 880);
         map.begin_contour(at(300), 9, 64);
         map.measure_current(at(320), length);
         assert_eq!(map.totals(), (2, 300));
         map.begin_contour(at(100), 7, 64);
-        map.record_cut(Place::start_of(at(149)), Place::start_of(at(161)));
+        map.record_cut(Place::start_of(at(140)), Place::start_of(at(150)), 0.1);
+        map.record_cut(Place::start_of(at(150)), Place::start_of(at(160)), 0.1);
+        map.record_cut(Place::start_of(at(160)), Place::start_of(at(161)), 0.01);
         let contour = map.end_contour(at(200), length).expect("it was begun");
         assert_eq!((contour.number, contour.not_cut_um, map.totals()), (1, 0, (2, 200)));
+        assert_eq!(contour.cut_um(), 980, "what was cut before counts once");
+    }
+
+    #[test]
+    fn contours_are_numbered_behind_those_that_were_skipped() {
+        let mut map = CutMap::new(true);
+        map.number_from(Arc::new(AtomicU32::new(6)));
+        map.begin_contour(RecordIndex::new(10), 7, 64);
+        assert_eq!((map.current_number(), map.totals().0), (7, 1));
     }
 }

@@ -4,6 +4,9 @@
 //! Invariant: only what is executed for the first time, or again by a recovery, is mapped: no retracing, no lead-in, no
 //! dry run.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicU32;
+
 use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs};
 
@@ -26,6 +29,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn map_period(&mut self, status: &CardStatus<A>) {
         // Also on the way to rest before reverse run, while the cutter is still on.
         let is_forward = status.rate.signum() > 0;
+        self.cut_map.burns = false;
         if !is_forward || self.config.inhibits_outputs || self.is_on_lead_in() {
             return;
         }
@@ -36,8 +40,17 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             is_on(&self.outputs) && is_on(&status.outputs) && is_proven
         };
         if self.config.fire_channels.iter().any(burns) {
-            self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place);
+            let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
+            let length_mm = axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
+            self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place, length_mm);
+            self.cut_map.burns = true;
         }
+    }
+
+    /// Sets where the number of contours is found that the program has before the first one of the job.
+    pub(crate) fn with_skipped_contours(mut self, skipped: Arc<AtomicU32>) -> Self {
+        self.cut_map.number_from(skipped);
+        self
     }
 
     /// Begins or ends a contour where the program has switched a cutter at this place.
@@ -50,8 +63,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
         if let Some(contour) = self.cut_map.end_contour(place, length_um) {
-            let not_cut_mm = contour.not_cut_um as f64 / 1000.0;
-            self.emit_at(contour.line, EventKind::Contour { number: contour.number, not_cut_mm });
+            let [cut_mm, not_cut_mm] = [contour.cut_um(), contour.not_cut_um].map(|um| um as f64 / 1000.0);
+            self.emit_at(contour.line, EventKind::Contour { number: contour.number, cut_mm, not_cut_mm });
         }
     }
 

@@ -15,7 +15,11 @@ use crate::telemetry::{PeriodRecord, Telemetry};
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn emit_period(&mut self, status: &CardStatus<A>) {
         self.telemetry.send_output_changes(&status.outputs);
+        let contour = self.cut_map.current();
         let period = PeriodRecord {
+            contour: contour.map_or(0, |contour| contour.number),
+            cut_um: contour.map_or(0, |contour| u32::try_from(contour.cut_um()).unwrap_or(u32::MAX)),
+            burns: self.cut_map.burns,
             oldest: self.streamer.oldest(),
             planned: self.streamer.items_complete_until(),
             mode: self.mode_controller.mode(),

@@ -85,6 +85,8 @@ fn any_open() -> impl Strategy<Value = OpenDialog> {
         Just(OpenDialog::Nothing),
         (0..90usize).prop_map(OpenDialog::Help),
         Just(OpenDialog::Tools),
+        prop::option::of(0..20u32).prop_map(OpenDialog::Contours),
+        Just(OpenDialog::Prompt(PendingQuestion::StartContour(7), String::new(), None)),
         (0..300usize).prop_map(OpenDialog::Messages),
         "\\PC{0,300}".prop_map(|text| OpenDialog::Prompt(PendingQuestion::Mdi, text.clone(), Some(text))),
         Just(OpenDialog::Prompt(PendingQuestion::Stop, String::new(), None)),

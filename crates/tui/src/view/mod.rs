@@ -4,6 +4,7 @@
 //! expressed by colour alone.
 
 mod canvas;
+mod contours;
 mod listing;
 mod overlay;
 mod path;

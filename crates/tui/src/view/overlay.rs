@@ -8,7 +8,7 @@ use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
 
 use super::listing::message_text;
-use super::{Theme, fold, pane, put_at, truncate};
+use super::{Theme, contours, fold, pane, put_at, truncate};
 use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
 use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel};
@@ -30,6 +30,7 @@ pub(super) fn draw(
     match key_state.open(model) {
         OpenDialog::Help(from) => help(out, model, *from, theme),
         OpenDialog::Tools => tools(out, model, theme),
+        OpenDialog::Contours(chosen) => contours::draw(out, model, *chosen, theme),
         OpenDialog::Messages(back) => log(out, model, *back, theme),
         OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), theme),
         OpenDialog::Nothing => match (&model.alarm, model.pause) {
@@ -59,7 +60,7 @@ fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, theme: Theme) {
 }
 
 /// Draws a centred box, as large as its lines and no larger than the screen.
-fn draw_box(out: &mut Buffer, title: &str, lines: &[String], theme: Theme) {
+pub(super) fn draw_box(out: &mut Buffer, title: &str, lines: &[String], theme: Theme) {
     let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0).max(title.chars().count() + 4);
     let width = (longest + 4).min(usize::from(out.area.width)) as u16;
     let height = (lines.len() + 2).min(usize::from(out.area.height.saturating_sub(2))) as u16;
@@ -163,6 +164,12 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
         ),
         PendingQuestion::Program => {
             ("open a program", "Program file, Tab completes its name:", "Enter OK · Esc cancel")
+        }
+        PendingQuestion::StartContour(number) => {
+            let question = format!("The program begins at contour {number}: the cutter is lit there.");
+            let lines = [question, "y begin · any other key: cancel".into()];
+            draw_box(out, "begin there?", &lines, theme);
+            return;
         }
         PendingQuestion::TestPulse => (
             "test pulse?",

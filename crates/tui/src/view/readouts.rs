@@ -9,6 +9,7 @@ use retrace_controller::CutterState;
 use retrace_link::channel;
 
 use super::{Theme, fold, pane, put_at, truncate};
+use crate::cut_text;
 use crate::key_state::{KeyState, STEPS_MM};
 use crate::model::{AxisHoming, ScreenModel, ScreenStage};
 use crate::program_facts::CutterFacts;
@@ -162,7 +163,7 @@ fn length(mm: f64) -> String {
 pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state: &KeyState, theme: Theme) {
     let inside = pane(out, area, "state", theme);
     let width = usize::from(inside.width).saturating_sub(2);
-    let mut lines = cutters(model);
+    let mut lines: Vec<String> = cutters(model).iter().flat_map(|line| fold(line, width, 2)).collect();
     if lines.is_empty() {
         lines.extend([spindle(model), outputs(model)]);
     } else {
@@ -191,15 +192,14 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
 
 /// What a cutter does, beyond on and off.
 fn cutter_state(model: &ScreenModel, channel: u8) -> String {
-    let (state, contour) = model.cutter_states.get(&channel).copied().unwrap_or_default();
-    let of_all = model.facts.contours.map_or(String::new(), |all| format!(" of {all}"));
+    let (state, _) = model.cutter_states.get(&channel).copied().unwrap_or_default();
     match state {
         CutterState::Off => String::new(),
         CutterState::Sensing => " · sensing".into(),
         CutterState::Igniting => " · igniting".into(),
         CutterState::Piercing => " · piercing".into(),
-        CutterState::Cutting => format!(" · cutting contour {contour}{of_all}"),
-        CutterState::Ending => format!(" · end of contour {contour}{of_all}"),
+        CutterState::Cutting => " · cutting".into(),
+        CutterState::Ending => " · end of the contour".into(),
         CutterState::Lost => {
             let why = model.cutter_off_reasons.get(&channel).map_or(String::new(), |why| format!(": {why}"));
             format!(" · cut interrupted{}", why.replace('_', " "))
@@ -221,9 +221,22 @@ fn cutters(model: &ScreenModel) -> Vec<String> {
         let doing = cutter_state(model, cutter.fire);
         let value = model.output(cutter.fire);
         let lit = if value == 0 { String::new() } else { format!(" · {:.0} s", model.on_s(cutter.fire)) };
-        format!("{} {}{program}{doing}{lit}", cutter.name, state(value))
+        let ok = match cutter.ok_input.map(|input| model.inputs >> (input & 15) & 1 == 1) {
+            Some(true) => " · ok",
+            Some(false) if value != 0 => " · no ok",
+            _ => "",
+        };
+        format!("{} {}{program}{doing}{lit}{ok}", cutter.name, state(value))
     };
-    model.facts.cutters.iter().map(line).collect()
+    let mut lines: Vec<String> = model.facts.cutters.iter().map(line).collect();
+    let is_off = |cutter: &CutterFacts| {
+        model.cutter_states.get(&cutter.fire).is_none_or(|(state, _)| *state == CutterState::Off)
+    };
+    let cuts = model.facts.cutters.iter().position(|cutter| !is_off(cutter)).unwrap_or(0);
+    if let (Some(progress), Some(line)) = (cut_text::progress_text(model), lines.get_mut(cuts)) {
+        *line += &format!(" · {progress}");
+    }
+    lines
 }
 
 fn spindle(model: &ScreenModel) -> String {

@@ -185,7 +185,7 @@ impl<C: MotionCard<4>> Run<C> {
     /// The ends of contours: number, and length in mm that is not cut.
     fn contours(&self) -> Vec<(u32, f64)> {
         self.picked(|kind| match *kind {
-            EventKind::Contour { number, not_cut_mm } => Some((number, not_cut_mm)),
+            EventKind::Contour { number, not_cut_mm, .. } => Some((number, not_cut_mm)),
             _ => None,
         })
     }
