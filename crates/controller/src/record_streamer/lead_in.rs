@@ -88,8 +88,8 @@ impl<const A: usize> LeadIn<A> {
         Self { records, stops, begin, start: begin + start }
     }
 
-    /// Gives the records from the start of the cutter on their share of the feed, by the shares of a record of 1 mm: the
-    /// power of a beam follows them (CUT-20).
+    /// Gives the records from the start of the cutter on their share of the feed, by the share that a record of 1 mm
+    /// has: the power of a beam follows it (CUT-20).
     pub(crate) fn with_feed_shares(mut self, units_per_mm: f64, mm_per_pulse: &[f64; A]) -> Self {
         let lit = self.start.since(self.begin) as usize;
         for record in self.records.iter_mut().skip(lit) {
