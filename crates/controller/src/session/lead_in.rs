@@ -290,7 +290,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         (longest_mm / self.config.period_s).max(1.0)
     }
 
-    /// Share of the feed that a record of 1 mm has on the path from a place on, in units of [`retrace_core::FeedShare`];
+    /// Share of the feed of a record of 1 mm on the path from a place on, in units of [`retrace_core::FeedShare`];
     /// 0 where no power follows it.
     fn feed_share_units_per_mm(&self, place: RecordIndex) -> f64 {
         let records = (0..FEED_RECORDS).map(|n| place + n).map_while(|place| {
