@@ -306,6 +306,30 @@ fn a_shift_that_is_too_far_or_leaves_the_soft_limits_is_refused_before_anything_
 }
 
 /// In single block the machine rests at the end of the block, also behind a recovery and a lead-in.
+/// Where the program stands, at M0 or behind a single block, the path is retraced as in a hold; the program stands at
+/// the same place again, and goes on with the next word.
+#[test]
+fn where_the_program_stands_the_path_is_retraced() {
+    let stops = [("", "G0 X0\nM0\nM2\n"), ("at line 9 single\nafter 5s ", "G0 X0\nG0 Y10\nM2\n")];
+    for (single, end) in stops {
+        let bench = Bench::new();
+        let program = bench.file("part.ngc", PROGRAM.replace("G0 X0\nM2\n", end));
+        let (machine, vcd) = (bench.file("m.toml", machine()).display().to_string(), bench.path("pins.vcd"));
+        let begin = if single.is_empty() { "at line 10 override 100%\nafter 5s " } else { single };
+        let script = format!(
+            "{begin}reverse 100%\nafter 1.5s hold\nafter 1s leave\nafter 5s cycle start\nafter 5s cycle start\n"
+        );
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let run = Run::of(&bench, &program, &["--machine", &machine, "--vcd", &trace, "--operator", &operator]);
+        assert_eq!(run.report["outcome"], "completed", "{} {}", run.output.err, run.output.out);
+        assert_eq!(run.report["reversals"], 2, "{}", run.report);
+        let trace = samples(&vcd);
+        let back = trace.iter().filter(|now| now.rate < 0.0);
+        assert!(back.clone().count() > 500, "it moves back");
+        assert!(trace.iter().all(|now| now.rate >= 0.0 || !now.is_on("spindle")));
+    }
+}
+
 #[test]
 fn in_single_block_a_recovered_cut_ends_with_its_block() {
     let (_, uninterrupted) = run("", "", &[]);

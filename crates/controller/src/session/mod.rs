@@ -416,7 +416,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut demand = self.mode_controller.advance_period(&facts);
         // An instruction in progress is completed before a pause.
         let pauses = self.dnc.is_pausing() && self.executing.is_none();
-        let stops = self.program_stop == ProgramStop::Waiting || self.single_stop;
+        // The program stands; whoever retraces meanwhile comes back to where it does.
+        let stops = mode == Mode::Run && (self.program_stop == ProgramStop::Waiting || self.single_stop);
         let leaves_run = !self.has_left_run();
         if pauses || stops || leaves_run || self.back_target.as_ref().is_some_and(BackTarget::is_searching) {
             demand.target = RateTarget::ZERO;
