@@ -42,6 +42,8 @@ pub struct ObservedPins {
     pub steps_on: u64,
     /// Number of steps backward.
     pub steps_back: u64,
+    /// Number of times at which a beam had power.
+    pub powered: u64,
     /// Number of alarms of the card.
     pub alarms: u64,
     /// Whether the cutter is on at the end of the trace.
@@ -93,6 +95,7 @@ enum Signal {
     Line,
     Place,
     Alarm,
+    BeamPower,
 }
 
 /// The state of the pins at a time.
@@ -106,6 +109,8 @@ pub struct Observer {
     line: u64,
     place: f64,
     alarm: bool,
+    /// Power of a beam.
+    power: u64,
     /// Whether a step began at this time.
     stepped: bool,
     /// The place before this period.
@@ -140,6 +145,7 @@ impl Observer {
             line: 0,
             place: 0.0,
             alarm: false,
+            power: 0,
             stepped: false,
             furthest: 0.0,
             ignited_ms: None,
@@ -164,6 +170,7 @@ impl Observer {
                     "line" => Signal::Line,
                     "place" => Signal::Place,
                     "alarm" => Signal::Alarm,
+                    "beam_power" => Signal::BeamPower,
                     name if name == self.rules.fire => Signal::Fire,
                     _ => return,
                 };
@@ -185,7 +192,7 @@ impl Observer {
     }
 
     fn change(&mut self, signal: Signal, value: &str) {
-        if self.seen.violations.is_empty() && !matches!(signal, Signal::Step | Signal::Place) {
+        if self.seen.violations.is_empty() && !matches!(signal, Signal::Step | Signal::Place | Signal::BeamPower) {
             if self.changes.len() == CHANGES {
                 self.changes.pop_front();
             }
@@ -206,6 +213,7 @@ impl Observer {
                 self.rested |= self.rate == 0.0;
             }
             Signal::Line => self.line = number(),
+            Signal::BeamPower => self.power = number(),
             Signal::Place => {
                 if self.on {
                     self.check_standstill();
@@ -252,8 +260,22 @@ impl Observer {
         }
     }
 
+    /// Checks that a beam has power only while it is on, and at rest only before the first step behind its ignition.
+    fn check_power(&mut self) {
+        if self.power == 0 {
+            return;
+        }
+        self.seen.powered += 1;
+        if !self.on {
+            self.wrong("power without the beam".to_owned());
+        } else if self.rate == 0.0 && self.ignited_ms.is_none() {
+            self.wrong("power at rest".to_owned());
+        }
+    }
+
     /// Checks the state when all changes of a time are applied.
     fn check_state(&mut self) {
+        self.check_power();
         if !std::mem::take(&mut self.stepped) {
             return;
         }
@@ -311,7 +333,8 @@ mod tests {
             Rules { fire: "spindle".into(), cut_lines: vec![2], ready_ms: [10.0, 30.0], standing_ms: Some(5.0) };
         let mut observer = Observer::new(rules);
         let declared = "$var wire 1 s step $end\n$var real 64 r rate $end\n$var integer 32 l line $end\n\
-            $var real 64 p place $end\n$var integer 8 a alarm $end\n$var integer 32 f spindle $end";
+            $var real 64 p place $end\n$var integer 8 a alarm $end\n$var integer 32 f spindle $end\n\
+            $var integer 32 w beam_power $end";
         declared.lines().for_each(|line| observer.parse_line(line));
         for (ms, change) in changes {
             observer.parse_line(&format!("#{}", ms * 1_000_000));
@@ -322,15 +345,26 @@ mod tests {
 
     #[test]
     fn a_cut_behind_its_pierce_is_let_pass() {
-        let fine =
-            [(0, "b1 l"), (5, "b1 f"), (20, "b10 l;r1 r;r1 p;1s"), (21, "r2 p;0s"), (22, "r3 p;1s"), (24, "b0 f")];
+        let fine = [
+            (0, "b1 l"),
+            (5, "b1 f;b1 w"),
+            (20, "b10 l;r1 r;r1 p;1s"),
+            (21, "r2 p;0s"),
+            (22, "r3 p;1s"),
+            (24, "b0 f;b0 w"),
+        ];
         let seen = seen(&fine);
-        assert!(seen.violations.is_empty() && seen.ignitions == 1 && seen.steps_on == 2, "{seen:?}");
+        assert!(
+            seen.violations.is_empty() && seen.ignitions == 1 && seen.steps_on == 2 && seen.powered > 0,
+            "{seen:?}"
+        );
     }
 
     #[test]
     fn each_offence_is_named() {
-        let cases: [(&[(u64, &str)], &str); 7] = [
+        let cases: [(&[(u64, &str)], &str); 9] = [
+            (&[(5, "b1 f;b1 w"), (20, "b10 l;r1 r;r1 p;1s"), (21, "b0 f")], "power without the beam"),
+            (&[(5, "b1 f;b1 w"), (20, "b10 l;r1 r;r1 p;1s"), (21, "r0 r")], "power at rest"),
             (&[(5, "b1 f"), (10, "b10 l;r1 r;r1 p;1s")], "after ignition"),
             (&[(5, "b1 f"), (20, "b10 l;r1 r;r1 p;1s"), (30, "b0 f")], "standing for 10.0"),
             (&[(5, "b1 f"), (45, "b0 f")], "standing for 40.0"),

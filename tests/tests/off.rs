@@ -1,6 +1,6 @@
 //! Random jobs on jet, plasma, laser and router machines, stopped, held, paused, killed, cut off and resumed: the
-//! cutter is off outside of a cut and its pierce, and no feed begins before it is ready. The pins are checked by an
-//! observer that has the program alone.
+//! cutter is off outside of a cut and its pierce, a beam has no power at rest, and no feed begins before the cutter is
+//! ready. The pins are checked by an observer that has the program alone.
 
 use std::collections::BTreeMap;
 use std::process::Stdio;
@@ -52,8 +52,10 @@ const KINDS: [Kind; 4] = [
         ready_ms: [1500.0, 1500.0],
         grace_ms: Some(500.0),
     },
-    Kind { template: "plasma", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [300.0, 470.0], grace_ms: Some(0.0) },
-    Kind { template: "laser", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [50.0, 50.0], grace_ms: Some(0.0) },
+    // A start in motion lasts its pilot arc of 300 ms; over a kerf no arc strikes, and an attempt lasts its limit of 500 ms,
+    // or up to that and the pierce.
+    Kind { template: "plasma", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [300.0, 910.0], grace_ms: Some(0.0) },
+    Kind { template: "laser", on: "S600 M4", off: "M5", fire: "spindle", ready_ms: [50.0, 50.0], grace_ms: Some(0.0) },
     Kind { template: "router", on: "M3 S1000", off: "M5", fire: "spindle", ready_ms: [4000.0, 4000.0], grace_ms: None },
 ];
 
@@ -112,7 +114,12 @@ fn machine(bench: &Bench, kind: &Kind) -> String {
     let result = bench.retrace(["machine", "new", kind.template]);
     assert_eq!(result.code, Some(0), "{}", result.err);
     let watchdog = format!("watchdog_ms = {WATCHDOG_MS:.1}");
-    result.out.replace("allow_unhomed = false", "allow_unhomed = true").replace("watchdog_ms = 250.0", &watchdog)
+    // the laser's power follows the speed
+    let out = result.out.replace("\n# power =", "\npower =");
+    assert_eq!(out.contains("\npower ="), kind.template == "laser");
+    let out = out.replace("start_s = 5.0", "start_s = 0.5");
+    assert_eq!(out.contains("start_s = 0.5"), kind.template == "plasma");
+    out.replace("allow_unhomed = false", "allow_unhomed = true").replace("watchdog_ms = 250.0", &watchdog)
 }
 
 /// One job: results of the hosts, and of the observation of the pins.
@@ -195,6 +202,7 @@ struct Tally {
     steps_on: u64,
     steps_back: u64,
     alarms: u64,
+    powered: u64,
 }
 
 #[test]
@@ -204,10 +212,10 @@ fn the_cutter_is_off_outside_of_a_cut_whatever_happens() {
     let (tally, wrong) = (Mutex::new(Tally::default()), Mutex::new(Vec::new()));
     let report = |jobs: u32| {
         let tally = tally.lock().expect("no panic");
-        let Tally { ends, ignitions, steps_on, steps_back, alarms } = &*tally;
+        let Tally { ends, ignitions, steps_on, steps_back, alarms, powered } = &*tally;
         println!(
             "{jobs} jobs in {:.0} s: hosts {ends:?}; {ignitions} ignitions, {steps_on} steps with the cutter on, \
-                {steps_back} backward, {alarms} alarms",
+                {steps_back} backward, {alarms} alarms, a beam with power in {powered} periods",
             begun.elapsed().as_secs_f64()
         );
     };
@@ -225,6 +233,7 @@ fn the_cutter_is_off_outside_of_a_cut_whatever_happens() {
                             tally.steps_on += seen.steps_on;
                             tally.steps_back += seen.steps_back;
                             tally.alarms += seen.alarms;
+                            tally.powered += seen.powered;
                         }
                         Err(what) => {
                             println!("WRONG {what}");
