@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    ContourList, ContourRow, ContourState, ContourStates, CutterState, Event, EventKind, PeriodRecord, Telemetry,
+    ContourList, ContourRow, ContourStates, CutterState, Event, EventKind, PeriodRecord, Telemetry,
 };
 use serde_json::{Map, Value, json};
 
@@ -193,17 +193,8 @@ impl fmt::Display for ContourAnswerText<'_> {
                 Some(planned) => contour_report::contour_text(planned, progress.machine),
                 None => format!("{}: line {}", row.number, row.line),
             };
-            write!(f, "\n  contour {what}: {}", state_text(&row))?;
+            write!(f, "\n  contour {what}: {}", row.state_text(3))?;
         }
         Ok(())
-    }
-}
-
-fn state_text(row: &ContourRow<'_>) -> String {
-    match row.state {
-        ContourState::NotBegun => "not cut yet".into(),
-        ContourState::Begun => format!("{:.3} mm cut so far", row.cut_mm),
-        ContourState::Cut => "cut".into(),
-        ContourState::NotCut => format!("{:.3} mm NOT cut", row.not_cut_mm.unwrap_or_default()),
     }
 }

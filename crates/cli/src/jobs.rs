@@ -267,6 +267,7 @@ fn output_text(names: &ChannelNames, number: u8, value: i32) -> String {
         channel::SPINDLE if name != channel_name(channel::SPINDLE) => format!("{name} on"),
         channel::SPINDLE if value > 0 => "spindle clockwise".into(),
         channel::SPINDLE => "spindle counterclockwise".into(),
+        channel::SPEED if name != channel_name(channel::SPEED) => format!("{name} {}", f64::from(value) / 1000.0),
         channel::SPEED => format!("{} rev/min", f64::from(value) / 1000.0),
         channel::TOOL => format!("tool {value}"),
         _ if value == 1 => format!("{name} on"),
@@ -429,6 +430,11 @@ mod tests {
             result,
             ["spindle counterclockwise", "12.5 rev/min", "mist on", "tool 3", "output 5 on", "output 5 7"]
         );
+        let laser = "[[axis]]\nname = \"x\"\npulses_per_mm = 100\nmax_velocity_mm_per_s = 50\n\
+            max_acceleration_mm_per_s2 = 500\nmax_jerk_mm_per_s3 = 5000\ntravel_mm = [0, 100]\n[[cutter]]\n\
+            name = \"beam\"\nkind = \"beam\"\nfire = 64\n";
+        let laser = ChannelNames::of_machine(&MachineConfig::parse(laser, "").expect("a machine file"));
+        assert_eq!(output_text(&laser, 65, 600_000), "beam power 600");
     }
 
     #[test]

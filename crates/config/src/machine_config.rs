@@ -219,8 +219,18 @@ impl MachineConfig {
     /// Name of an output channel: by its cutter, by the machine file, or by its purpose.
     #[must_use]
     pub fn channel_name(&self, channel: u8) -> String {
+        if let Some(beam) = self.beam_of_speed().filter(|_| channel == retrace_link::channel::SPEED) {
+            return format!("{} power", beam.name);
+        }
         let named = || self.output_names.get(&channel).cloned();
         cutter::name_of(&self.cutters, channel).or_else(named).unwrap_or_else(|| channel_names::channel_name(channel))
+    }
+
+    /// The beam whose power S is, if any: the one that M3 and M4 switch.
+    fn beam_of_speed(&self) -> Option<&CutterConfig> {
+        self.cutters
+            .iter()
+            .find(|cutter| cutter.kind == crate::CutterKind::Beam && cutter.fire == retrace_link::channel::SPINDLE)
     }
 
     /// The channel of this name; case is ignored.

@@ -65,6 +65,19 @@ pub struct ContourRow<'p> {
     pub not_cut_mm: Option<f64>,
 }
 
+impl ContourRow<'_> {
+    /// Text of the state, with the length to this number of decimals.
+    #[must_use]
+    pub fn state_text(&self, decimals: usize) -> String {
+        match self.state {
+            ContourState::NotBegun => "not cut yet".into(),
+            ContourState::Begun => format!("{:.decimals$} mm cut so far", self.cut_mm),
+            ContourState::Cut => "cut".into(),
+            ContourState::NotCut => format!("{:.decimals$} mm NOT CUT", self.not_cut_mm.unwrap_or_default()),
+        }
+    }
+}
+
 /// The states of the contours of a job.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ContourStates {

@@ -4,7 +4,7 @@
 //! Invariant: no rapid move is given to a sink with a cutter on, unless the machine file permits it.
 
 use retrace_config::{CutterKind, MachineConfig};
-use retrace_link::OutputChange;
+use retrace_link::{OutputChange, channel};
 
 use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
@@ -16,6 +16,8 @@ pub(crate) struct CutterTrack {
     values: Vec<i32>,
     /// Whether each of them is off only for rapid moves.
     interrupted: Vec<bool>,
+    /// S as the program has set it last; `None` before its first S.
+    speed: Option<i32>,
     /// Feed in mm/min of the move behind which the power of a beam changes in passing.
     changed_behind_feed: Option<f64>,
     /// Feed in mm/min of the last feed move; `None` behind a rapid move.
@@ -30,7 +32,13 @@ impl CutterTrack {
     /// Creates the state with all cutters off.
     pub(crate) fn new(machine: &MachineConfig) -> Self {
         let count = machine.cutters.len();
-        Self { values: vec![0; count], interrupted: vec![false; count], changed_behind_feed: None, last_feed: None }
+        Self {
+            values: vec![0; count],
+            interrupted: vec![false; count],
+            speed: None,
+            changed_behind_feed: None,
+            last_feed: None,
+        }
     }
 
     /// To be called before a rapid move: beams go off where it begins.
@@ -88,9 +96,14 @@ impl CutterTrack {
         Ok(())
     }
 
-    /// To be called where the power of a beam that is on is changed in passing.
-    pub(crate) const fn record_power_change(&mut self) {
-        self.changed_behind_feed = self.last_feed;
+    /// To be called where S is set while a beam is on whose power it is. Returns whether it changes: many programs
+    /// repeat S in every block.
+    pub(crate) fn record_power(&mut self, value: i32) -> bool {
+        let changes = self.speed.replace(value) != Some(value);
+        if changes {
+            self.changed_behind_feed = self.last_feed;
+        }
+        changes
     }
 
     /// Whether the program has any cutter on.
@@ -121,6 +134,9 @@ impl CutterTrack {
 
     /// Records that the program switches these outputs.
     pub(crate) fn record_switching(&mut self, machine: &MachineConfig, changes: &[OutputChange]) {
+        if let Some(change) = changes.iter().rfind(|change| change.channel == channel::SPEED) {
+            self.speed = Some(change.value);
+        }
         for (at, cutter) in machine.cutters.iter().enumerate() {
             for change in changes.iter().filter(|change| change.channel == cutter.fire) {
                 self.values[at] = change.value;

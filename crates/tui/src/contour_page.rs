@@ -2,7 +2,7 @@
 //!
 //! Invariant: a contour that is not listed is never marked; what is not known is shown as `?`.
 
-use retrace_controller::{ContourRow, ContourState, OperatorCommand};
+use retrace_controller::{ContourRow, OperatorCommand};
 use retrace_gcode::{FIRST_TEMPORARY_MATERIAL, Material};
 
 use crate::keys::Key;
@@ -102,7 +102,7 @@ pub(crate) fn row_text(row: &ContourRow<'_>, is_marked: bool) -> String {
         row.line,
         short(subprogram, 10),
         short(&material, 14),
-        state_text(row)
+        row.state_text(1)
     )
 }
 
@@ -112,15 +112,6 @@ fn material_text(material: &Material) -> String {
         number => number.to_string(),
     };
     if material.name.is_empty() { number } else { format!("{number} {}", material.name) }
-}
-
-fn state_text(row: &ContourRow<'_>) -> String {
-    match row.state {
-        ContourState::NotBegun => "not cut yet".into(),
-        ContourState::Begun => format!("{:.1} mm cut so far", row.cut_mm),
-        ContourState::Cut => "cut".into(),
-        ContourState::NotCut => format!("{:.1} mm NOT CUT", row.not_cut_mm.unwrap_or_default()),
-    }
 }
 
 /// What else is known of the marked contour: its cutter, and where it begins and ends.

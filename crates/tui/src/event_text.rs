@@ -139,7 +139,10 @@ fn state_text(model: &ScreenModel, number: u8, value: i32) -> String {
         (channel::SPINDLE, 0) => "stopped".into(),
         (channel::SPINDLE, 1..) => "clockwise".into(),
         (channel::SPINDLE, _) => "counterclockwise".into(),
-        (channel::SPEED, _) => format!("{:.0}/min", f64::from(value) / 1000.0),
+        (channel::SPEED, _) => {
+            let unit = if model.facts.power_name().is_some() { "" } else { "/min" };
+            format!("{:.0}{unit}", f64::from(value) / 1000.0)
+        }
         (channel::TOOL, _) => format!("T{value}"),
         (_, 0) => "off".into(),
         _ => "on".into(),

@@ -137,6 +137,13 @@ impl ProgramFacts {
         self.output_names.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))
     }
 
+    /// What S is called on a machine where it is the power of a beam.
+    #[must_use]
+    pub fn power_name(&self) -> Option<&str> {
+        let name = self.output_names.get(usize::from(channel::SPEED))?;
+        (*name != channel_name(channel::SPEED)).then_some(name)
+    }
+
     /// Output with this name or number; case is ignored.
     #[must_use]
     pub fn output_named(&self, text: &str) -> Option<u8> {

@@ -159,6 +159,8 @@ fn raster_engraving_whose_edges_cannot_be_placed_is_refused() {
     assert_eq!(check(&raster(6000), "control_period_ms = 0.5\n").code, Some(0));
     // without an edge in a cut there is nothing to place
     assert_eq!(check(&raster(9000).replace("S200\n", ""), "").code, Some(0));
+    // nor where S is repeated, as many CAM systems do in every block
+    assert_eq!(check(&raster(9000).replace("S200\n", "S100\n"), "").code, Some(0));
 }
 
 /// Over the serial line, and on a card that has no such output.
@@ -189,6 +191,33 @@ fn the_power_ends_with_the_beam() {
         // it brakes on the path, with the beam on it
         assert!(trace[last].at_us <= 1_200_000, "{script}: {:?}", trace[last]);
     }
+}
+
+/// A test pulse has the power of S; a beam that may cut backward has the power of its speed there too.
+#[test]
+fn a_test_pulse_and_a_cut_backward_have_their_power() {
+    let (run, trace) = run("power = {}\npulse_s = 0.3", CORNERS, "at 1s hold\nafter 1s test pulse\nafter 1s recover\n");
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    assert_safe(&trace, true);
+    let begins = trace.iter().position(|now| now.rate == 0.0 && now.beam_power > 0.0).expect("a pulse");
+    let ends = begins + trace[begins..].iter().position(|now| now.beam_power == 0.0).expect("its end");
+    let s = (trace[ends].at_us - trace[begins].at_us) as f64 / 1e6;
+    let is_at_s = trace[begins..ends].iter().all(|now| now.beam_power == S && now.rate == 0.0);
+    assert!((s - 0.3).abs() <= 0.01 && is_at_s, "{s} s");
+
+    let script = "at 1.5s reverse 60%\nafter 0.3s cutter on\nafter 0.5s recover\n";
+    let (run, trace) = self::run("power = {}\nretrace_cut = true", CORNERS, script);
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    assert_safe(&trace, false);
+    let backward = |pair: &&[Sample]| is_period(pair) && pair[0].rate < 0.0 && pair[1].rate < 0.0;
+    let mut mm_cut = 0.0;
+    for pair in trace.windows(2).filter(backward).filter(|pair| pair[0].is_on("spindle") && pair[1].is_on("spindle")) {
+        let (mm, s) = step(pair);
+        let share = (mm / s / 25.0).min(1.0);
+        assert!((pair[1].beam_power / S - share).abs() <= 1.5 / PULSES / s / 25.0 + 1e-4, "{share} {:?}", pair[1]);
+        mm_cut += mm;
+    }
+    assert!(mm_cut > 3.0, "{mm_cut} mm backward: {}", run.output.out);
 }
 
 /// A recovery that starts beside the path: the lead-in gets the energy of the path.

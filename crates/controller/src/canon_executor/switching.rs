@@ -157,8 +157,9 @@ impl<'m> CanonExecutor<'m> {
     ) -> Result<(), CanonError> {
         let beam = self.machine.powered_beam().filter(|beam| self.cutters.is_lit(self.machine, beam.fire));
         if beam.is_some() {
-            self.cutters.record_power_change();
-            sink.action(OutputChange { channel: channel::SPEED, value }, line);
+            if self.cutters.record_power(value) {
+                sink.action(OutputChange { channel: channel::SPEED, value }, line);
+            }
             return Ok(());
         }
         self.switch(code, channel::SPEED, value, line, sink)

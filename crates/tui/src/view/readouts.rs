@@ -242,7 +242,9 @@ fn cutters(model: &ScreenModel) -> Vec<String> {
 fn spindle(model: &ScreenModel) -> String {
     let speed = f64::from(model.output(channel::SPEED)) / 1000.0;
     let spindle = match model.output(channel::SPINDLE) {
-        _ if model.facts.is_of_cutter(channel::SPINDLE) => String::new(),
+        _ if model.facts.is_of_cutter(channel::SPINDLE) => {
+            model.facts.power_name().map_or_else(String::new, |name| format!("{name} {speed:.0} · "))
+        }
         // A machine with another kind of cutter shows its spindle only while it turns.
         0 if !model.facts.cutters.is_empty() => String::new(),
         0 => "spindle stopped · ".to_string(),
