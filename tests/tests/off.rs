@@ -52,8 +52,8 @@ const KINDS: [Kind; 4] = [
         ready_ms: [1500.0, 1500.0],
         grace_ms: Some(500.0),
     },
-    // A start in motion lasts its pilot arc of 300 ms; over a kerf no arc strikes, and an attempt lasts its limit of 500 ms,
-    // or up to that and the pierce.
+    // A start in motion lasts its pilot arc of 300 ms; over a kerf no arc strikes, and an attempt lasts its limit of
+    // 500 ms, or up to that and the pierce.
     Kind { template: "plasma", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [300.0, 910.0], grace_ms: Some(0.0) },
     Kind { template: "laser", on: "S600 M4", off: "M5", fire: "spindle", ready_ms: [50.0, 50.0], grace_ms: Some(0.0) },
     Kind { template: "router", on: "M3 S1000", off: "M5", fire: "spindle", ready_ms: [4000.0, 4000.0], grace_ms: None },

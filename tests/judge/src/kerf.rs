@@ -20,8 +20,10 @@ pub(crate) struct Kerf {
     pub(crate) places: PlaceRanges,
     /// Where it may have burnt: it begins and ends somewhere between two samples.
     pub(crate) possible_places: PlaceRanges,
-    /// Begins of possible places at which the arc struck while the machine was moving.
-    struck_in_motion: Vec<f64>,
+    /// Where the cutter was on in motion, from its ignition until it burnt or went off.
+    tried_places: PlaceRanges,
+    /// Whether it is on and has not burnt since its ignition.
+    is_trying: bool,
     /// Length in mm, with what was cut twice.
     pub(crate) length_mm: f64,
 }
@@ -33,8 +35,9 @@ impl Kerf {
         if burns || will_burn {
             self.possible_places.insert(from.place, to.place);
         }
-        if !burns && will_burn && from.place != to.place {
-            self.struck_in_motion.push(from.place);
+        self.is_trying = from.is_lit && self.is_trying && !from.is_proven || !from.is_lit && to.is_lit;
+        if self.is_trying && from.is_lit {
+            self.tried_places.insert(from.place, to.place);
         }
         if !from.is_lit || !from.is_proven || !to.is_proven {
             return;
@@ -50,9 +53,11 @@ impl Kerf {
         }
     }
 
-    /// Whether the arc struck in motion at this place.
-    pub(crate) fn struck_in_motion(&self, place: f64) -> bool {
-        self.struck_in_motion.contains(&place)
+    /// Whether the cutter was on all along this stretch without burning, since it was ignited before it.
+    pub(crate) fn is_tried(&self, [from, to]: [f64; 2]) -> bool {
+        let mut stretch = PlaceRanges::default();
+        stretch.insert(from, to);
+        stretch.missing_in(&self.tried_places).is_empty()
     }
 
     /// Number of cells that have no cell of the other kerf at or beside them: where a job is slower, other cells are

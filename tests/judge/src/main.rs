@@ -46,8 +46,8 @@ For each trace it prints one JSON object in a line:
   good                true where every figure below is 0 or false, but for ignitions and cut_mm
   not_cut             cells of 0.05 mm that only WHOLE cut
   cut_besides         cells of 0.05 mm that only TRACE cut
-  records_not_cut     records of the path that only WHOLE cut, in gaps of more than one record; where an arc strikes
-                      in motion, of more than one record and a cell
+  records_not_cut     records of the path that only WHOLE cut, in gaps of more than one record; where the cutter was
+                      ignited before it and on all along it, of more than one record and a cell
   wrong_counts        samples at a place of WHOLE with other counts on any axis
   too_early           ignitions at which motion began before the pierce, or before the pilot time in a kerf, was over
   standing            times that the cutter was on at rest for too long

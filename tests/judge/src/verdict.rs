@@ -160,13 +160,13 @@ impl ReferenceJob {
         Ok(job)
     }
 
-    /// Length in records of the gaps that the other kerf leaves, beyond the tolerance of a place. An arc that strikes
-    /// in motion does so behind the cell that was cut last. Where the machine comes to rest, records with at most one
+    /// Length in records of the gaps that the other kerf leaves, beyond the tolerance of a place. An arc that is
+    /// ignited before the gap strikes behind the cell that was cut last, or not at all before the contour ends. Where the machine comes to rest, records with at most one
     /// pulse among them have no length.
     fn records_not_cut(&self, kerf: &Kerf, cell_pulses: f64) -> f64 {
         let is_gap = |[from, to]: &[f64; 2]| {
             let end = to - PLACE_TOLERANCE;
-            let is_in_cell = || kerf.struck_in_motion(*to) && self.pulses(*from, end) <= cell_pulses;
+            let is_in_cell = || kerf.is_tried([*from, *to]) && self.pulses(*from, end) <= cell_pulses;
             end > *from && self.pulses(*from, *to) > 1.0 && !is_in_cell()
         };
         let gaps = self.kerf.places.missing_in(&kerf.possible_places);

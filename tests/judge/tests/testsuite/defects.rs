@@ -178,11 +178,15 @@ fn a_loss_that_is_placed_one_record_late_is_within_the_tolerance() {
     }
 }
 
-/// The arc goes out in the last records of a contour, which emit this many pulses. Returns the judge's line.
-fn judge_loss_at_the_end(pulses: i64) -> String {
+/// The arc goes out in the last records of a contour, which emit this many pulses, and another recovery may
+/// try them again. Returns the judge's line.
+fn judge_loss_at_the_end(pulses: i64, is_tried: bool) -> String {
     let folder = folder("no-length");
     let file = |name: &str, is_lost: bool, mut trace: Trace| {
         let end = trace.periods[trace.contour_end].place;
+        if is_lost && is_tried {
+            trace.try_the_end_again();
+        }
         let from = counts_at(end - 7.0);
         for period in trace.periods.iter_mut().filter(|period| period.place > end - 7.0 && period.place <= end) {
             period.counts = from;
@@ -201,9 +205,18 @@ fn judge_loss_at_the_end(pulses: i64) -> String {
 #[test]
 fn records_without_a_length_are_no_gap() {
     for pulses in [0, 1] {
-        assert_eq!(figure(&judge_loss_at_the_end(pulses), "records_not_cut"), "0", "{pulses}");
+        assert_eq!(figure(&judge_loss_at_the_end(pulses, false), "records_not_cut"), "0", "{pulses}");
     }
-    assert_ne!(figure(&judge_loss_at_the_end(2), "records_not_cut"), "0");
+    assert_ne!(figure(&judge_loss_at_the_end(2, false), "records_not_cut"), "0");
+}
+
+/// No arc strikes again within the cell that was cut last.
+#[test]
+fn the_end_of_a_contour_within_a_cell_that_was_tried_again_is_no_gap() {
+    for pulses in [2, 10] {
+        assert_eq!(figure(&judge_loss_at_the_end(pulses, true), "records_not_cut"), "0", "{pulses}");
+    }
+    assert_ne!(figure(&judge_loss_at_the_end(20, true), "records_not_cut"), "0");
 }
 
 #[test]

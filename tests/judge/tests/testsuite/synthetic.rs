@@ -210,6 +210,17 @@ impl Trace {
         self.periods.splice(at..at, std::iter::repeat_n(period, count));
     }
 
+    /// Has the first contour end with another recovery, whose arc does not strike before the end.
+    pub(crate) fn try_the_end_again(&mut self) {
+        let behind = self.periods.split_off(self.contour_end);
+        let end = self.place();
+        self.rest(5, false, false);
+        self.run_to(end - 30.0, -1.0, false, false);
+        self.rest(PILOT, true, false);
+        self.run_to(end, 1.0, true, false);
+        self.periods.extend(behind);
+    }
+
     /// Has the recovery run on in the kerf with the cutter off and pierce this many records behind the loss, of which
     /// the first not proven place is the latest one possible.
     pub(crate) fn pierce_behind_loss(&mut self, records: usize) {
