@@ -393,7 +393,20 @@ impl ResumeStep<'_> {
         let cut_ends = self.cut_ends();
         let (origin, executed) = (job.origin, job.executed);
         let began_within = journaled_job::start_point(&job.arguments);
-        Ok(ResumePoint { start, origin, began_within, executed, outputs, overrides, marks, rests, lengths, cut_ends })
+        let cut = self.record.cut_ranges().clone();
+        Ok(ResumePoint {
+            start,
+            origin,
+            began_within,
+            executed,
+            outputs,
+            overrides,
+            marks,
+            rests,
+            lengths,
+            cut_ends,
+            cut,
+        })
     }
 
     /// Where each cutter has certainly cut to, if it was cutting.

@@ -38,6 +38,19 @@ impl ContourState {
     }
 }
 
+/// A contour that was begun before the job was resumed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RestoredContour {
+    /// Its number in the program, from 1.
+    pub number: u32,
+    /// Program line that lights the cutter.
+    pub line: u32,
+    /// Length that is cut, mm.
+    pub cut_mm: f64,
+    /// Length that is not cut, mm; `None` where it has not ended.
+    pub not_cut_mm: Option<f64>,
+}
+
 /// A contour that was begun.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct BegunContour {
@@ -96,11 +109,16 @@ impl ContourStates {
     pub fn observe<const A: usize>(&mut self, message: &Telemetry<A>) {
         match message {
             Telemetry::Period(period) if !period.off_path => self.observe_period(period),
-            Telemetry::Event(event) => match event.kind {
+            Telemetry::Event(event) => match &event.kind {
                 EventKind::Started => *self = Self::default(),
-                EventKind::Contour { number, cut_mm, not_cut_mm } => {
+                &EventKind::Contour { number, cut_mm, not_cut_mm } => {
                     self.current.take_if(|(current, _)| *current == number);
                     self.store(number, BegunContour { line: event.line, cut_mm, not_cut_mm: Some(not_cut_mm) });
+                }
+                EventKind::ContoursRestored(contours) => {
+                    for &RestoredContour { number, line, cut_mm, not_cut_mm } in contours.iter() {
+                        self.store(number, BegunContour { line, cut_mm, not_cut_mm });
+                    }
                 }
                 _ => {}
             },
@@ -228,7 +246,7 @@ mod tests {
             off_path: false,
             contour,
             cut_um,
-            burns: true,
+            cut_from: Some(Place::default()),
         })
     }
 
@@ -277,6 +295,19 @@ mod tests {
         assert_eq!(states.numbers(None), [7, 8]);
         let lines: Vec<_> = [6, 7, 8].iter().map(|&number| states.row(number, None).map(|row| row.line)).collect();
         assert_eq!(lines, [None, Some(4), Some(5)]);
+    }
+
+    #[test]
+    fn what_was_cut_before_the_job_was_resumed_is_known() {
+        let restored = |number, not_cut_mm| RestoredContour { number, line: 4, cut_mm: 10.0, not_cut_mm };
+        let contours = [restored(1, Some(0.0)), restored(2, Some(3.0)), restored(3, None)];
+        let kind = EventKind::ContoursRestored(contours.into());
+        let event = Event { period: 1, time_s: 0.0, place: Place::default(), line: 4, kind };
+        let states = states(&[Telemetry::Event(event), period(3, 12_000), ends(3, 60.0, 0.0)]);
+        let shown = |number| states.row(number, None).map(|row| (row.state, row.cut_mm));
+        use ContourState::{Cut, NotCut};
+        assert_eq!([1, 2, 3].map(shown), [Some((Cut, 10.0)), Some((NotCut, 10.0)), Some((Cut, 60.0))]);
+        assert_eq!((states.ended(), states.cut_mm()), ((3, 1), 80.0));
     }
 
     #[test]

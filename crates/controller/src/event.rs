@@ -2,6 +2,8 @@
 //!
 //! Invariant: every event carries the period and the place at which it happened.
 
+use std::sync::Arc;
+
 use retrace_config::ChannelNames;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
@@ -9,6 +11,7 @@ use retrace_journal::Timestamp;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
+use crate::contour_states::RestoredContour;
 use crate::cutter_state::CutterState;
 use crate::dnc_events::DncEvent;
 use crate::operator::{CommandError, LeadShape, OperatorCommand};
@@ -221,6 +224,8 @@ pub enum EventKind {
     NotCut(f64),
     /// An interrupted cut is continued: its end is passed, or is cut anew.
     CutContinued,
+    /// A job is resumed: the contours that were begun before it was left, in the order of the path.
+    ContoursRestored(Arc<[RestoredContour]>),
     /// A contour has ended.
     Contour {
         /// Its number in the program, from 1.
@@ -340,6 +345,12 @@ impl Event {
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
             EventKind::CutContinued => json!({"event": "cut_continued"}),
+            EventKind::ContoursRestored(contours) => {
+                let each = contours.iter().map(|&RestoredContour { number, line, cut_mm, not_cut_mm }| {
+                    json!({"number": number, "line": line, "cut_mm": cut_mm, "not_cut_mm": not_cut_mm})
+                });
+                json!({"event": "contours_restored", "contours": each.collect::<Vec<_>>()})
+            }
             EventKind::Contour { number, cut_mm, not_cut_mm } => {
                 json!({"event": "contour", "number": number, "cut_mm": cut_mm, "not_cut_mm": not_cut_mm})
             }
@@ -456,6 +467,7 @@ impl Event {
                 )
             }
             EventKind::CutContinued => "the cut goes on".into(),
+            EventKind::ContoursRestored(contours) => restored_text(contours),
             EventKind::Contour { number, not_cut_mm: 0.0, .. } => format!("contour {number} is cut"),
             EventKind::Contour { number, not_cut_mm, .. } => {
                 format!("contour {number}: {not_cut_mm:.2} mm are not cut")
@@ -508,5 +520,23 @@ const fn mode_text(mode: Mode) -> &'static str {
         Mode::Wheel => "handwheel",
         Mode::Rejoin => "forward to the end of the history",
         Mode::AwaitOutputs => "waiting until the outputs are confirmed",
+    }
+}
+/// The contours that had ended when the job was left: how many are cut, and those of which something is not.
+fn restored_text(contours: &[RestoredContour]) -> String {
+    const MOST_NAMED: usize = 5;
+    let ended = || contours.iter().filter_map(|contour| Some((contour.number, contour.not_cut_mm?)));
+    let open: Vec<String> = ended()
+        .filter(|(_, mm)| *mm > 0.0)
+        .map(|(number, mm)| format!("contour {number}: {mm:.2} mm are not cut"))
+        .collect();
+    let whole = match ended().count() - open.len() {
+        1 => "1 contour was cut before".to_owned(),
+        count => format!("{count} contours were cut before"),
+    };
+    match open.len() {
+        0 => whole,
+        1..=MOST_NAMED => format!("{whole}; {}", open.join(", ")),
+        count => format!("{whole}; {}, and {} more", open[..MOST_NAMED].join(", "), count - MOST_NAMED),
     }
 }

@@ -5,6 +5,7 @@
 //! off the path are never recorded.
 
 use retrace_config::{ChannelNames, NumberedError};
+use retrace_core::{Distance, Place, RecordIndex};
 use retrace_journal::{
     HoldReason, JournalEntry, JournalEventWriter, JournalNotice, JournalWriter, PositionEntry, Timestamp,
 };
@@ -22,6 +23,7 @@ pub struct JournalRecorder<const A: usize> {
     sampler: PositionSampler<A>,
     outputs: Outputs,
     names: ChannelNames,
+    cut: UnsavedCuts,
 }
 
 impl<const A: usize> JournalRecorder<A> {
@@ -37,6 +39,7 @@ impl<const A: usize> JournalRecorder<A> {
             sampler,
             outputs: [0; channel::COUNT],
             names: ChannelNames::default(),
+            cut: UnsavedCuts::default(),
         }
     }
 
@@ -51,6 +54,9 @@ impl<const A: usize> JournalRecorder<A> {
     pub fn record(&mut self, message: &Telemetry<A>) {
         match message {
             Telemetry::Period(period) => {
+                if let Some(begin) = period.cut_from {
+                    self.cut.record(begin, period.place);
+                }
                 if let Some(period) = self.sampler.sample(period) {
                     self.record_position(&period);
                 }
@@ -61,6 +67,8 @@ impl<const A: usize> JournalRecorder<A> {
                 }
             }
             Telemetry::Active(_) => {}
+            // The journal has what was cut.
+            Telemetry::Event(event) if matches!(event.kind, EventKind::ContoursRestored(_)) => {}
             Telemetry::Event(event) => self.journal.write(JournalEntry::Event(event.to_json_naming(&self.names))),
         }
     }
@@ -83,7 +91,7 @@ impl<const A: usize> JournalRecorder<A> {
         })
     }
 
-    fn record_position(&self, period: &PeriodRecord<A>) {
+    fn record_position(&mut self, period: &PeriodRecord<A>) {
         let outputs = self.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
         let at = PositionEntry {
             when: Timestamp::now(),
@@ -97,6 +105,7 @@ impl<const A: usize> JournalRecorder<A> {
             line: period.line,
             mode: period.mode,
             hold_reason: stored_hold_reason(period.hold_reason),
+            cut: self.cut.take(),
         };
         self.journal.write(JournalEntry::Position(Box::new(at)));
     }
@@ -111,6 +120,46 @@ impl<const A: usize> Drop for JournalRecorder<A> {
 /// Reason of a hold as the journal stores it. Where a program has ended, nothing is pending that resuming would need.
 fn stored_hold_reason(reason: HoldReason) -> HoldReason {
     if reason == HoldReason::Ended { HoldReason::None } else { reason }
+}
+
+/// What was cut since the last position was saved.
+#[derive(Debug, Default)]
+struct UnsavedCuts {
+    /// Stretches that are complete.
+    complete: Vec<[RecordIndex; 2]>,
+    /// The last stretch in which the cutter burnt without a break, up to a place.
+    last: Option<[Place; 2]>,
+    /// Whether the last stretch goes on behind what was saved of it.
+    is_unsaved: bool,
+}
+
+impl UnsavedCuts {
+    /// Records that the cutter burnt from `begin` on without a break up to a place.
+    fn record(&mut self, begin: Place, to: Place) {
+        let end = match self.last.filter(|[from, _]| *from == begin) {
+            Some([_, end]) if to.distance_to(end) > Distance::ZERO => end,
+            Some(_) => to,
+            None => {
+                self.complete.extend(self.last_records().filter(|_| self.is_unsaved));
+                to
+            }
+        };
+        self.last = Some([begin, end]);
+        self.is_unsaved = true;
+    }
+
+    /// The whole records of the last stretch.
+    fn last_records(&self) -> Option<[RecordIndex; 2]> {
+        let range = self.last.map(|[begin, end]| [begin.boundary_ahead(), end.record]);
+        range.filter(|[begin, end]| begin.is_before(*end))
+    }
+
+    /// What was cut since the last call; the last stretch comes again, longer, if it goes on.
+    fn take(&mut self) -> Vec<[RecordIndex; 2]> {
+        let mut cut = std::mem::take(&mut self.complete);
+        cut.extend(self.last_records().filter(|_| std::mem::take(&mut self.is_unsaved)));
+        cut
+    }
 }
 
 /// Selects the periods to record.
@@ -167,7 +216,7 @@ impl<const A: usize> PositionSampler<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_core::{Place, Rate, RecordIndex};
+    use retrace_core::Rate;
 
     fn often() -> PositionSampler<1> {
         PositionSampler { second: 1000, tenth: 100, recorded: None, last: None, rest: None }
@@ -197,7 +246,7 @@ mod tests {
             off_path: false,
             contour: 0,
             cut_um: 0,
-            burns: false,
+            cut_from: None,
         }
     }
 
@@ -232,6 +281,25 @@ mod tests {
             ..period(n)
         });
         assert_eq!(kept(periods), [1, 10, 20, 30, 60]);
+    }
+
+    #[test]
+    fn what_was_cut_is_saved_once_and_again_where_it_goes_on() {
+        let at = |eighths: u32| Place { record: RecordIndex::new(eighths / 8), fraction: (eighths % 8) << 29 };
+        let mut cuts = UnsavedCuts::default();
+        let taken = |cuts: &mut UnsavedCuts| -> Vec<_> {
+            cuts.take().into_iter().map(|range| range.map(RecordIndex::number)).collect()
+        };
+        cuts.record(at(20), at(36));
+        assert_eq!(taken(&mut cuts), [[3, 4]], "whole records");
+        assert!(taken(&mut cuts).is_empty());
+        cuts.record(at(20), at(80));
+        cuts.record(at(20), at(60));
+        cuts.record(at(100), at(103));
+        cuts.record(at(160), at(240));
+        assert_eq!(taken(&mut cuts), [[3, 10], [20, 30]]);
+        cuts.record(at(240), at(241));
+        assert!(taken(&mut cuts).is_empty(), "no whole record, and the rest was saved");
     }
 
     #[test]

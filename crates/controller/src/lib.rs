@@ -74,7 +74,7 @@ pub use check_finding::CheckFinding;
 pub use command_channel::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
 pub use command_queue::CommandSources;
 pub use contour_list::{ContourList, MaterialSummary, PlannedContour};
-pub use contour_states::{ContourRow, ContourState, ContourStates};
+pub use contour_states::{ContourRow, ContourState, ContourStates, RestoredContour};
 pub use cutter_state::CutterState;
 pub use dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 pub use event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};

@@ -509,9 +509,10 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     /// Marks the pending instruction as executed: the card had executed instruction `number` when it was left.
-    pub fn mark_executed(&mut self, number: u32) {
+    /// Returns it.
+    pub fn mark_executed(&mut self, number: u32) -> Option<ExclusiveInstruction> {
         self.gates.mark_sent();
-        self.acknowledge(number);
+        self.acknowledge(number)
     }
 
     /// Sends records ahead until the card is full or the horizon is reached.

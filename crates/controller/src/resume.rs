@@ -16,8 +16,8 @@ use retrace_core::place::number_is_before;
 use retrace_core::playback::partial_increment;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
-use retrace_journal::{LengthChange, MarkDifference, PlaceMark};
-use retrace_link::{CardStatus, Outputs, PathStart, channel};
+use retrace_journal::{LengthChange, MarkDifference, PlaceMark, RecordRanges};
+use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, channel};
 
 use crate::approach::approach;
 use crate::record_streamer::{PassedItem, RecordStreamer};
@@ -48,6 +48,8 @@ pub struct ResumePoint {
     pub lengths: Vec<LengthChange>,
     /// Places up to which cutters have certainly cut.
     pub cut_ends: Vec<ResumedCutEnd>,
+    /// What was cut of the path (CUT-26).
+    pub cut: RecordRanges,
 }
 
 /// Place up to which a cutter has certainly cut in the job that is resumed.
@@ -80,6 +82,7 @@ impl ResumePoint {
             rests: Vec::new(),
             lengths: Vec::new(),
             cut_ends: Vec::new(),
+            cut: RecordRanges::default(),
         }
     }
 }
@@ -231,6 +234,10 @@ impl<const A: usize> ResumePlan<A> {
     }
 }
 
+/// Receives what the program has switched before the place where the job was left: streamer, place, line and changes.
+pub(crate) type ReplayedSwitching<'s, 'r, const A: usize> =
+    &'s mut dyn FnMut(&RecordStreamer<'r, A>, RecordIndex, u32, &[OutputChange]);
+
 /// Replays the plan from the job's origin to the place where it was left.
 pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     streamer: &'s mut RecordStreamer<'r, A>,
@@ -244,6 +251,7 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     counts: Option<[i64; A]>,
     line: u32,
     mm_per_pulse: [f64; A],
+    switched: ReplayedSwitching<'s, 'r, A>,
 }
 
 impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
@@ -253,8 +261,10 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         at: &'s ResumePoint,
         counts: [i64; A],
         mm_per_pulse: [f64; A],
+        switched: ReplayedSwitching<'s, 'r, A>,
     ) -> Self {
-        Self { streamer, at, place: at.origin, sum: counts, active: None, counts: None, line: 0, mm_per_pulse }
+        let place = at.origin;
+        Self { streamer, at, place, sum: counts, active: None, counts: None, line: 0, mm_per_pulse, switched }
     }
 
     /// Length of the path back from where it was left to `oldest`, mm. It ends at the first record whose line
@@ -337,7 +347,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
                 }
                 return Err(ResumeError::Instruction { number, place: Some(place) });
             }
-            self.streamer.mark_executed(number);
+            if let Some(done) = self.streamer.mark_executed(number) {
+                (self.switched)(self.streamer, done.place, done.line, &done.changes[..usize::from(done.count)]);
+            }
         }
         if self.streamer.next_exclusive().is_none_or(|place| !place.is_before(limit)) {
             self.advance_to(limit);
@@ -388,8 +400,13 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         self.streamer.seek_place(place);
         let mut last = None;
         while let Some(news) = self.streamer.next_passed_item() {
-            if let PassedItem::Active(active) = news {
-                last = Some(active);
+            match news {
+                PassedItem::Active(active) => last = Some(active),
+                PassedItem::Action(action, line) => {
+                    let change = OutputChange { channel: action.channel, value: action.after };
+                    (self.switched)(self.streamer, action.place, line, &[change]);
+                }
+                PassedItem::Message(..) => {}
             }
         }
         // The resumed job begins with the modal state that is in force.

@@ -75,8 +75,9 @@ pub struct PeriodRecord<const A: usize> {
     pub contour: u32,
     /// Length of it that is cut, µm.
     pub cut_um: u32,
-    /// Whether the cutter burnt along the path in this period.
-    pub burns: bool,
+    /// Where the stretch begins that was cut up to `place` without a break; `None` where the cutter did not burn along
+    /// the path in this period.
+    pub cut_from: Option<Place>,
 }
 
 impl<const A: usize> PeriodRecord<A> {
@@ -106,7 +107,7 @@ impl<const A: usize> PeriodRecord<A> {
             off_path: false,
             contour: 0,
             cut_um: 0,
-            burns: false,
+            cut_from: None,
         }
     }
 }

@@ -15,7 +15,7 @@ use crate::place_index::{self, LengthChange};
 use crate::timestamp::Timestamp;
 
 /// Version of the format.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// An entry.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -274,6 +274,10 @@ pub struct PositionEntry {
     pub mode: Mode,
     /// Reason why the machine was at rest in normal run.
     pub hold_reason: HoldReason,
+    /// What was cut since the position before, each by its first record and the first behind it (CUT-26). A range that
+    /// is not complete comes again, longer, from the same first record on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty", with = "record_ranges")]
+    pub cut: Vec<[RecordIndex; 2]>,
 }
 
 impl PositionEntry {
@@ -418,6 +422,21 @@ mod record_index {
     }
 }
 
+/// Serialization of ranges of records by their numbers.
+mod record_ranges {
+    use retrace_core::RecordIndex;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(crate) fn serialize<S: Serializer>(ranges: &[[RecordIndex; 2]], to: S) -> Result<S::Ok, S::Error> {
+        to.collect_seq(ranges.iter().map(|range| range.map(RecordIndex::number)))
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[RecordIndex; 2]>, D::Error> {
+        let numbers = Vec::<[u32; 2]>::deserialize(from)?;
+        Ok(numbers.into_iter().map(|range| range.map(RecordIndex::new)).collect())
+    }
+}
+
 /// Serialization of a rate in units of 2⁻³².
 mod rate {
     use retrace_core::Rate;
@@ -541,6 +560,7 @@ pub(crate) mod tests {
                     line,
                     mode,
                     hold_reason: standing,
+                    cut: if at_rest { vec![[place.record, place.record + 7]] } else { Vec::new() },
                 }
             },
         )

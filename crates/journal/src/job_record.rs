@@ -18,6 +18,7 @@ use crate::journal_line;
 use crate::journal_reader::{JournalEntries, JournalError, JournalTail};
 use crate::place_index::LengthChange;
 use crate::place_index::PlaceMark;
+use crate::record_ranges::RecordRanges;
 
 /// Bytes at the end of a long journal in which its last entries are searched.
 const SUMMARY_TAIL_BYTES: u64 = 64 << 10;
@@ -57,6 +58,8 @@ pub struct JobRecord {
     lengths: Vec<LengthChange>,
     /// The interrupted cut that was not continued.
     interrupted_cut: Option<InterruptedCut>,
+    /// What was cut.
+    cut: RecordRanges,
 }
 
 /// A cut that was interrupted and not continued.
@@ -134,6 +137,7 @@ impl JobRecord {
             rests: Vec::new(),
             lengths: Vec::new(),
             interrupted_cut: None,
+            cut: RecordRanges::default(),
         }
     }
 
@@ -148,6 +152,7 @@ impl JobRecord {
             JournalEntry::Override(new) => {
                 // Overrides beyond this place belong to a plan that was discarded.
                 self.overrides.retain(|(_, old)| old.place.is_before(new.place));
+                self.cut.truncate(new.place);
                 self.overrides.push((number, new));
             }
             JournalEntry::ToolLength(change) => self.lengths.push(change),
@@ -158,6 +163,7 @@ impl JobRecord {
             }
             JournalEntry::Position(at) => {
                 self.last_position = LastPosition { start: at.start(), counts: at.counts.clone() };
+                at.cut.iter().for_each(|&[begin, end]| self.cut.insert(begin, end));
                 self.at = Some(*at);
             }
             JournalEntry::Event(event) => {
@@ -201,6 +207,12 @@ impl JobRecord {
             let at = at.filter(|at| at.mode != Mode::Run || at.at_rest)?;
             (at.reached != self.job.origin).then(|| Place::start_of(at.reached - 1))
         })
+    }
+
+    /// What was cut of the path. A cut that goes on after the last position is up to one second longer.
+    #[must_use]
+    pub fn cut_ranges(&self) -> &RecordRanges {
+        &self.cut
     }
 
     /// The cut that was interrupted and not continued, if there is one.
@@ -380,6 +392,7 @@ mod tests {
             line: record,
             mode: retrace_core::mode::Mode::Run,
             hold_reason: crate::hold_reason::HoldReason::Hold,
+            cut: Vec::new(),
         }))
     }
 
@@ -446,6 +459,23 @@ mod tests {
             reached: RecordIndex::new(reached),
             ..*at
         }))
+    }
+
+    #[test]
+    fn what_was_cut_is_known_unless_it_is_planned_anew() {
+        let cuts = |ranges: &[[u32; 2]]| {
+            let JournalEntry::Position(at) = at(9) else { unreachable!("a position") };
+            let cut = ranges.iter().map(|range| range.map(RecordIndex::new)).collect();
+            JournalEntry::Position(Box::new(PositionEntry { cut, ..*at }))
+        };
+        let anew = JournalEntry::Override(PlannedOverride { place: RecordIndex::new(60), planned: Rate::ONE });
+        let record = read(vec![cuts(&[[20, 30]]), cuts(&[[20, 40], [50, 70]]), at(80), anew, cuts(&[[62, 64]])]);
+        let ranges: Vec<_> = record
+            .cut_ranges()
+            .reaching_beyond(RecordIndex::new(0))
+            .map(|range| range.map(RecordIndex::number))
+            .collect();
+        assert_eq!(ranges, [[20, 40], [50, 60], [62, 64]]);
     }
 
     #[test]

@@ -168,10 +168,11 @@ impl JournalQueue {
     pub(crate) fn push_event(&self, entry: JournalEntry) {
         let mut state = self.wait_for_space(self.state());
         if state.write_error.is_some()
-            && let (JournalEntry::Position(_), Some(last @ JournalEntry::Position(_))) =
-                (&entry, state.queue.back_mut())
+            && let (JournalEntry::Position(new), Some(JournalEntry::Position(last))) = (&entry, state.queue.back_mut())
         {
-            *last = entry;
+            let cut = std::mem::take(&mut last.cut);
+            last.clone_from(new);
+            last.cut.splice(..0, cut);
             return;
         }
         if state.queue.len() >= self.0.capacity {

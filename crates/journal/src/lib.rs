@@ -42,6 +42,7 @@ mod journal_reader;
 mod journal_store;
 mod journal_writer;
 mod place_index;
+mod record_ranges;
 mod spool;
 /// Operations on files that are replaced whole; a namespace, because its functions are named for any file.
 pub mod state_file;
@@ -64,5 +65,6 @@ pub use journal_reader::{JournalEntries, JournalError, JournalTail};
 pub use journal_store::{FileStore, JournalStore};
 pub use journal_writer::{JournalEventWriter, JournalIndexWriter, JournalWriter};
 pub use place_index::{IndexEntry, IndexWriter, JournalConfig, LengthChange, MarkDifference, PlaceMark};
+pub use record_ranges::RecordRanges;
 pub use spool::{SpoolProgress, SpoolReplay, SpoolWriter};
 pub use timestamp::{ParseTimestampError, Timestamp};

@@ -357,7 +357,7 @@ impl FakeMachine {
             off_path: lock_model(&self.model).stage == ScreenStage::Setup,
             contour: 0,
             cut_um: 0,
-            burns: false,
+            cut_from: None,
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

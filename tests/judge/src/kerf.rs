@@ -35,7 +35,7 @@ impl Kerf {
         if burns || will_burn {
             self.possible_places.insert(from.place, to.place);
         }
-        self.is_trying = from.is_lit && self.is_trying && !from.is_proven || !from.is_lit && to.is_lit;
+        self.follow_ignition(from, to);
         if self.is_trying && from.is_lit {
             self.tried_places.insert(from.place, to.place);
         }
@@ -48,9 +48,15 @@ impl Kerf {
 
     /// Adds the way between two samples on a lead-in.
     pub(crate) fn add_lead_in(&mut self, from: &Sample, to: &Sample, plane: [usize; 2], pulses_per_mm: f64) {
+        self.follow_ignition(from, to);
         if from.is_lit && from.is_proven && to.is_proven {
             self.length_mm += add_cells(&mut self.lead_in_cells, from, to, plane, pulses_per_mm);
         }
+    }
+
+    /// Follows whether the cutter was ignited and has not burnt since.
+    fn follow_ignition(&mut self, from: &Sample, to: &Sample) {
+        self.is_trying = from.is_lit && self.is_trying && !from.is_proven || !from.is_lit && to.is_lit;
     }
 
     /// Whether the cutter was on all along this stretch without burning, since it was ignited before it.

@@ -106,6 +106,42 @@ fn a_job_that_begins_at_a_contour_counts_from_there() {
     assert_eq!(states(&list), [row(1, "not_begun", 0), row(2, "cut", 20), row(3, "cut", 30)]);
 }
 
+/// A contour that is cut again from its pierce has ended again.
+#[test]
+fn a_contour_that_is_cut_again_from_its_pierce_is_cut() {
+    let run = run("lose@20", "at 3s back to pierce\nafter 3s cut\nat line 17 contours\n", &[]);
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    let numbers: Vec<u64> = run.of_kind("contour").filter_map(|event| event["number"].as_u64()).collect();
+    assert_eq!(numbers, [1, 2, 3]);
+    let list = lists(&run.output.out).pop().expect("a list");
+    assert_eq!(states(&list), [row(1, "cut", 60), row(2, "cut", 20), row(3, "cut", 30)]);
+}
+
+/// A job that is resumed knows what was cut before, and counts on.
+#[test]
+fn a_resumed_job_knows_the_contours_that_were_cut_before() {
+    let bench = bench("at 3s skip contour\nat line 15 stop\n");
+    let arguments =
+        ["run", "part.ngc", "--machine", "m.toml", "--source-faults", "lose@20", "--operator", "s.op", "--json"];
+    let stopped = bench.retrace(arguments);
+    assert_eq!(stopped.code, Some(4), "{}", stopped.err);
+    bench.file("again.op", "at 0s contours\nat line 17 contours\n");
+    let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "again.op"]);
+    assert_eq!(resumed.code, Some(0), "{}", resumed.err);
+    let events = || resumed.out.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let restored = events().find(|event| event["event"] == "contours_restored").expect("they are restored");
+    assert_eq!(restored["contours"][0]["line"], 9);
+    let [first, last] = &lists(&resumed.out)[..] else { panic!("{}", resumed.out) };
+    let [one, two, (3, begun, cut_mm)] = &states(first)[..] else { panic!("{first}") };
+    assert_eq!((one, two, begun.as_str()), (&row(1, "not_cut", 20), &row(2, "cut", 20), "begun"));
+    assert!((0..29).contains(cut_mm), "{first}");
+    assert_eq!(states(last), [row(1, "not_cut", 20), row(2, "cut", 20), row(3, "cut", 30)]);
+    let report = events().find(|event| event["event"] == "report").expect("a report");
+    assert_eq!((&report["contours"], &report["contours_not_cut"]), (&3.into(), &1.into()), "{report}");
+    let not_cut = report["not_cut_mm"].as_f64().expect("a length");
+    assert!((not_cut - 40.0).abs() < 0.2, "{not_cut}");
+}
+
 /// What is cut again counts once: a torch without an input pierces a little before the end of its cut, and burns in the
 /// kerf.
 #[test]

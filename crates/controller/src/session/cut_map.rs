@@ -10,6 +10,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use retrace_core::{Distance, Place, RecordIndex};
+use retrace_journal::RecordRanges;
+
+use crate::contour_states::RestoredContour;
 
 /// Most ranges that are retained, and most contours. Beyond them the oldest are forgotten.
 const MAX_RANGES: usize = 4096;
@@ -40,6 +43,13 @@ impl Contour {
     pub(super) const fn cut_um(&self) -> u64 {
         self.cut_nm / 1000
     }
+
+    /// The contour as the observers are told of it where the job is resumed.
+    fn restored(&self) -> RestoredContour {
+        let [cut_mm, not_cut_mm] = [self.cut_um(), self.not_cut_um].map(|um| um as f64 / 1000.0);
+        let not_cut_mm = self.end.map(|_| not_cut_mm);
+        RestoredContour { number: self.number, line: self.line, cut_mm, not_cut_mm }
+    }
 }
 
 /// What is cut of a contour.
@@ -56,8 +66,8 @@ pub(super) enum ContourProgress {
 /// What was cut, and the contours.
 #[derive(Clone, Debug)]
 pub(super) struct CutMap {
-    /// First record that is cut, and the first behind it that is not.
-    ranges: Vec<[RecordIndex; 2]>,
+    /// What is cut, but for the last stretch.
+    ranges: RecordRanges,
     /// The last stretch in which the cutter burnt without a break.
     stretch: Option<[Place; 2]>,
     contours: Vec<Contour>,
@@ -69,8 +79,10 @@ pub(super) struct CutMap {
     begun: u32,
     /// Index of the contour that is being cut.
     current: Option<usize>,
+    /// Contours that were begun before the job was left.
+    restored: Vec<RestoredContour>,
     /// Whether a cutter burnt in the last control period.
-    pub(super) burns: bool,
+    burns: bool,
 }
 
 impl CutMap {
@@ -78,13 +90,14 @@ impl CutMap {
     pub(super) fn new(has_cutter: bool) -> Self {
         let capacity = if has_cutter { MAX_RANGES } else { 0 };
         Self {
-            ranges: Vec::with_capacity(capacity),
+            ranges: RecordRanges::with_room_for(capacity),
             stretch: None,
             contours: Vec::with_capacity(capacity),
             skipped: Arc::default(),
             last_number: 0,
             begun: 0,
             current: None,
+            restored: Vec::new(),
             burns: false,
         }
     }
@@ -100,8 +113,7 @@ impl CutMap {
             begin.distance_to(place) > Distance::ZERO && place.distance_to(end) >= Distance::ZERO
         };
         let record = if place.fraction == 0 { place.record - 1 } else { place.record };
-        let at = self.ranges.partition_point(|[_, end]| !record.is_before(*end));
-        self.stretch.is_some_and(in_stretch) || self.ranges.get(at).is_some_and(|[begin, _]| !record.is_before(*begin))
+        self.stretch.is_some_and(in_stretch) || self.ranges.contains(record)
     }
 
     /// Records a control period in which the cutter burnt, from this place to that; `length_mm` is the length of the
@@ -112,6 +124,7 @@ impl CutMap {
         {
             contour.cut_nm += (length_mm * 1e6).round() as u64;
         }
+        self.burns = true;
         let is_within = |[begin, end]: [Place; 2]| {
             begin.distance_to(from) >= Distance::ZERO && from.distance_to(end) >= Distance::ZERO
         };
@@ -129,33 +142,26 @@ impl CutMap {
 
     /// Stores the whole records of the last stretch. The stretch may go on afterwards.
     fn store_stretch(&mut self) {
-        let Some([from, to]) = self.stretch else { return };
-        let [begin, end] = [from.boundary_ahead(), to.record];
-        if !begin.is_before(end) {
-            return;
+        if let Some([from, to]) = self.stretch {
+            self.ranges.insert(from.boundary_ahead(), to.record);
         }
-        // what touches the new range becomes part of it
-        let first = self.ranges.partition_point(|[_, other_end]| other_end.is_before(begin));
-        let behind = self.ranges.partition_point(|[other_begin, _]| !end.is_before(*other_begin)).max(first);
-        let merged = self.ranges[first..behind].iter().fold([begin, end], |[begin, end], &[from, to]| {
-            [if from.is_before(begin) { from } else { begin }, RecordIndex::later(end, to)]
-        });
-        if first < behind {
-            self.ranges[first] = merged;
-            self.ranges.drain(first + 1..behind);
-        } else if self.ranges.len() < MAX_RANGES {
-            self.ranges.insert(first, merged);
-        } else if let Some(later) = first.checked_sub(1) {
-            self.ranges.remove(0);
-            self.ranges.insert(later, merged);
-        }
+    }
+
+    /// Where the stretch begins in which the cutter burns; `None` where it did not burn in the last control period.
+    pub(super) fn burns_from(&self) -> Option<Place> {
+        self.stretch.filter(|_| self.burns).map(|[begin, _]| begin)
+    }
+
+    /// The cutter did not burn in this control period.
+    pub(super) const fn record_no_cut(&mut self) {
+        self.burns = false;
     }
 
     /// Length in µm of the stretches of records between two places that are not cut; `length_um` measures records.
     fn not_cut_um(&mut self, begin: RecordIndex, end: RecordIndex, length_um: impl Fn(RecordIndex, u32) -> u64) -> u64 {
         self.store_stretch();
         let (mut at, mut sum_um) = (begin, 0);
-        let ends = self.ranges.iter().copied().filter(|[from, _]| from.is_before(end)).chain([[end, end]]);
+        let ends = self.ranges.reaching_beyond(begin).filter(|[from, _]| from.is_before(end)).chain([[end, end]]);
         for [from, to] in ends {
             if at.is_before(from) && from.since(at) >= UNNOTICED_RECORDS {
                 sum_um += length_um(at, from.since(at));
@@ -183,12 +189,55 @@ impl CutMap {
         }
     }
 
+    /// Begins to execute again without motion what was executed before the job was left: `cut` is what was cut of it.
+    pub(super) fn begin_restoring(&mut self, cut: &RecordRanges) {
+        self.ranges = cut.clone();
+    }
+
+    /// Sets what is cut of the contour that was begun at this place and ends at that.
+    pub(super) fn restore_contour(
+        &mut self,
+        pierce: RecordIndex,
+        end: RecordIndex,
+        length_um: impl Fn(RecordIndex, u32) -> u64,
+    ) {
+        let cut = self.ranges.reaching_beyond(pierce).take_while(|[from, _]| from.is_before(end));
+        let each = cut.map(|[from, to]| {
+            let (from, to) = (RecordIndex::later(from, pierce), if to.is_before(end) { to } else { end });
+            length_um(from, to.since(from))
+        });
+        let cut_um: u64 = each.sum();
+        if let Some(contour) = self.contours.iter_mut().rev().find(|contour| contour.pierce == pierce) {
+            contour.cut_nm = cut_um * 1000;
+            self.restored.push(contour.restored());
+        }
+    }
+
+    /// Ends the execution without motion, at the furthest place; `cut` and `length_um` are those of the others.
+    pub(super) fn end_restoring(
+        &mut self,
+        cut: &RecordRanges,
+        reached: RecordIndex,
+        length_um: impl Fn(RecordIndex, u32) -> u64,
+    ) {
+        if let Some(pierce) = self.current().map(|contour| contour.pierce) {
+            self.restore_contour(pierce, reached, length_um);
+        }
+        self.ranges = RecordRanges::with_room_for(MAX_RANGES);
+        self.ranges.restore(cut);
+    }
+
+    /// The contours that were begun before the job was left, once.
+    pub(super) fn take_restored(&mut self) -> Vec<RestoredContour> {
+        std::mem::take(&mut self.restored)
+    }
+
     /// The program is executed again from this place: the contour in which it lies has not ended yet.
     pub(super) fn reopen_contour(&mut self, place: Place) {
         let is_open_at = |contour: &Contour| {
             let from_pierce = Place::start_of(contour.pierce).distance_to(place);
             let is_before_end = |end| place.distance_to(Place::start_of(end)) > Distance::ZERO;
-            from_pierce > Distance::ZERO && contour.end.is_none_or(is_before_end)
+            from_pierce >= Distance::ZERO && contour.end.is_none_or(is_before_end)
         };
         self.current = self.contours.iter().rposition(is_open_at);
     }
@@ -253,7 +302,7 @@ impl CutMap {
         self.store_stretch();
         let is_open = |end: RecordIndex, at: RecordIndex| at.is_before(end) && end.since(at) >= UNNOTICED_RECORDS;
         let mut at = contour.pierce;
-        for &[from, to] in self.ranges.iter().filter(|[_, to]| contour.pierce.is_before(*to)) {
+        for [from, to] in self.ranges.reaching_beyond(contour.pierce) {
             if is_open(from, at) {
                 break;
             }
@@ -271,14 +320,13 @@ impl CutMap {
     /// Where the next stretch begins that is cut, behind a place that is not.
     pub(super) fn next_cut_behind(&mut self, place: RecordIndex) -> Option<RecordIndex> {
         self.store_stretch();
-        self.ranges.iter().map(|&[begin, _]| begin).find(|begin| place.is_before(*begin))
+        self.ranges.reaching_beyond(place).map(|[begin, _]| begin).find(|begin| place.is_before(*begin))
     }
 
     /// Whether this record is cut.
     pub(super) fn is_cut(&mut self, record: RecordIndex) -> bool {
         self.store_stretch();
-        let behind = self.ranges.partition_point(|[begin, _]| !record.is_before(*begin));
-        behind.checked_sub(1).is_some_and(|at| record.is_before(self.ranges[at][1]))
+        self.ranges.contains(record)
     }
 
     /// Whether a contour is being cut: its cutter was lit, and not switched off by the program yet.
@@ -341,16 +389,10 @@ mod tests {
                 covered.push(stretch);
                 last = Some(stretch);
             }
-            map.store_stretch();
             for record in 0..230u64 {
                 let at = place(8 * record).record;
                 let is_cut = covered.iter().any(|&[from, to]| from <= 8 * record && 8 * record + 8 <= to);
-                let is_in_map = map.ranges.iter().any(|&[from, to]| !at.is_before(from) && at.is_before(to));
-                prop_assert_eq!(is_in_map, is_cut, "record {}", record);
                 prop_assert_eq!(map.is_cut(at), is_cut, "record {}", record);
-            }
-            for pair in map.ranges.windows(2) {
-                prop_assert!(pair[0][1].is_before(pair[1][0]));
             }
         }
     }
@@ -375,6 +417,25 @@ mod tests {
         let contour = map.end_contour(at(200), length).expect("it was begun");
         assert_eq!((contour.number, contour.not_cut_um, map.totals()), (1, 0, (2, 200)));
         assert_eq!(contour.cut_um(), 980, "what was cut before counts once");
+    }
+
+    #[test]
+    fn contours_from_before_the_job_was_resumed_are_known() {
+        let (mut map, at) = (CutMap::new(true), |n: u32| RecordIndex::new(n));
+        let length = |_, records: u32| u64::from(records) * 10;
+        let mut cut = RecordRanges::default();
+        [[100, 150], [190, 200], [300, 310]].into_iter().for_each(|[begin, end]| cut.insert(at(begin), at(end)));
+        map.begin_restoring(&cut);
+        map.begin_contour(at(100), 7, 64);
+        map.end_contour(at(200), length).expect("it was begun");
+        map.restore_contour(at(100), at(200), length);
+        map.begin_contour(at(300), 9, 64);
+        map.end_restoring(&cut, at(320), length);
+        let told: Vec<_> = map.take_restored().iter().map(|c| (c.number, c.line, c.cut_mm, c.not_cut_mm)).collect();
+        assert_eq!(told, [(1, 7, 0.6, Some(0.4)), (2, 9, 0.1, None)]);
+        map.record_cut(Place::start_of(at(310)), Place::start_of(at(330)), 0.2);
+        let contour = map.end_contour(at(330), length).expect("it was begun");
+        assert_eq!((contour.number, contour.not_cut_um, contour.cut_um(), map.totals()), (2, 0, 300, (2, 400)));
     }
 
     #[test]

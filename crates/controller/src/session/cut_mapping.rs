@@ -11,9 +11,12 @@ use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs};
 
 use super::Session;
+use super::cut_map::{Contour, CutMap};
+use super::session_config::SessionConfig;
 use crate::event::EventKind;
 use crate::operator::CommandError;
 use crate::record_streamer::RecordStreamer;
+use crate::resume::{PlanReplay, ResumeError, ResumePlan, ResumePoint};
 
 const CUT_ALREADY: CommandError = CommandError::NotNow(
     "the contour is cut from here to its end, and over a kerf no arc strikes: `recover` goes on behind it; `cut` once \
@@ -29,7 +32,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn map_period(&mut self, status: &CardStatus<A>) {
         // Also on the way to rest before reverse run, while the cutter is still on.
         let is_forward = status.rate.signum() > 0;
-        self.cut_map.burns = false;
+        self.cut_map.record_no_cut();
         if !is_forward || self.config.inhibits_outputs || self.is_on_lead_in() {
             return;
         }
@@ -43,7 +46,6 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
             let length_mm = axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
             self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place, length_mm);
-            self.cut_map.burns = true;
         }
     }
 
@@ -55,16 +57,35 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Begins or ends a contour where the program has switched a cutter at this place.
     pub(super) fn map_switching(&mut self, place: RecordIndex, line: u32, changes: &[OutputChange]) {
-        let fires = changes.iter().find(|change| self.config.fire_channels.contains(&change.channel));
-        let Some(change) = fires.filter(|_| !self.config.inhibits_outputs) else { return };
-        if change.value != 0 {
-            self.cut_map.begin_contour(place, line, change.channel);
-            return;
-        }
-        let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
-        if let Some(contour) = self.cut_map.end_contour(place, length_um) {
+        let ended = map_contour(&mut self.cut_map, &self.config, &self.streamer, (place, line), changes);
+        if let Some(contour) = ended {
             let [cut_mm, not_cut_mm] = [contour.cut_um(), contour.not_cut_um].map(|um| um as f64 / 1000.0);
             self.emit_at(contour.line, EventKind::Contour { number: contour.number, cut_mm, not_cut_mm });
+        }
+    }
+
+    /// Replays the plan to the place where the job was left, with the contours up to there and what was cut of them.
+    pub(super) fn replay(&mut self, at: &ResumePoint, counts: [i64; A]) -> Result<ResumePlan<A>, ResumeError> {
+        let (map, config) = (&mut self.cut_map, &self.config);
+        map.begin_restoring(&at.cut);
+        let mut switched = |streamer: &RecordStreamer<'_, A>, place, line, changes: &[OutputChange]| {
+            if let Some(contour) = map_contour(map, config, streamer, (place, line), changes) {
+                let length_um = |first, records| measure_um(streamer, &config.mm_per_pulse, first, records);
+                map.restore_contour(contour.pierce, place, length_um);
+            }
+        };
+        let replay = PlanReplay::new(&mut self.streamer, at, counts, config.mm_per_pulse, &mut switched);
+        let prepared = replay.run(self.card.status())?;
+        let length_um = |first, records| measure_um(&self.streamer, &config.mm_per_pulse, first, records);
+        map.end_restoring(&at.cut, at.start.reached, length_um);
+        Ok(prepared)
+    }
+
+    /// Reports the contours that were begun before the job was left.
+    pub(super) fn report_restored_contours(&mut self) {
+        let contours = self.cut_map.take_restored();
+        if !contours.is_empty() {
+            self.emit(EventKind::ContoursRestored(contours.into()));
         }
     }
 
@@ -143,6 +164,25 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         (self.stats.contours, self.stats.not_cut_um) = self.cut_map.totals();
         self.stats.contours_not_cut = self.cut_map.contours().iter().filter(|c| c.not_cut_um > 0).count() as u32;
     }
+}
+
+/// Begins or ends a contour where the program switches a cutter. Returns the contour that ends.
+fn map_contour<const A: usize>(
+    map: &mut CutMap,
+    config: &SessionConfig<A>,
+    streamer: &RecordStreamer<'_, A>,
+    (place, line): (RecordIndex, u32),
+    changes: &[OutputChange],
+) -> Option<Contour> {
+    let change = changes.iter().find(|change| config.fire_channels.contains(&change.channel))?;
+    if config.inhibits_outputs {
+        return None;
+    }
+    if change.value != 0 {
+        map.begin_contour(place, line, change.channel);
+        return None;
+    }
+    map.end_contour(place, |first, records| measure_um(streamer, &config.mm_per_pulse, first, records))
 }
 
 /// Length in µm of some records, as far as they are retained.

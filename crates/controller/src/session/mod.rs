@@ -40,7 +40,7 @@ use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::record_streamer::{PassedItem, RecordStreamer};
-use crate::resume::{PlanReplay, ResumeError, ResumePlan, ResumePoint};
+use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::{PeriodClass, RunStats};
 use crate::telemetry::{Telemetry, TelemetrySender};
 use back_target::BackTarget;
@@ -239,6 +239,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.apply_rate_override();
         self.telemetry.send_output_changes(&self.card.status().outputs);
         self.emit(EventKind::Started);
+        self.report_restored_contours();
         if self.mode_controller.mode() != Mode::Run {
             self.emit_mode();
         }
@@ -276,8 +277,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         counts: [i64; A],
         agree: impl FnOnce(&ResumePlan<A>) -> bool,
     ) -> Result<(Outcome, RunStats, C), ResumeError> {
-        let prepared =
-            PlanReplay::new(&mut self.streamer, at, counts, self.config.mm_per_pulse).run(self.card.status())?;
+        let prepared = self.replay(at, counts)?;
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.stats, self.card));
         }

@@ -277,7 +277,6 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(pierce) = pierce {
             let line = self.streamer.record(pierce).map_or(0, |record| record.line);
             self.cut_map.begin_contour(pierce, line, channel);
-            self.cut_map.record_cut(Place::start_of(pierce), place, 0.0);
         }
         let line = self.streamer.record(place.record).map_or(0, |record| record.line);
         self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: true });

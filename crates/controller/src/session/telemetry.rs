@@ -19,7 +19,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let period = PeriodRecord {
             contour: contour.map_or(0, |contour| contour.number),
             cut_um: contour.map_or(0, |contour| u32::try_from(contour.cut_um()).unwrap_or(u32::MAX)),
-            burns: self.cut_map.burns,
+            cut_from: self.cut_map.burns_from(),
             oldest: self.streamer.oldest(),
             planned: self.streamer.items_complete_until(),
             mode: self.mode_controller.mode(),

@@ -10,7 +10,7 @@ use json_page::JsonPage;
 use retrace_config::ChannelNames;
 use retrace_controller::{
     AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutputs, DncEvent, DncFlags, DncStep,
-    Event, EventKind, LeadShape, OperatorCommand,
+    Event, EventKind, LeadShape, OperatorCommand, RestoredContour,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
@@ -45,6 +45,9 @@ fn examples() -> Vec<EventKind> {
         EventKind::CutEnd { channel: 3, place: Place::default(), line: 4, may_be_longer: false },
         EventKind::NotCut(1.25),
         EventKind::CutContinued,
+        EventKind::ContoursRestored(
+            [RestoredContour { number: 2, line: 7, cut_mm: 59.5, not_cut_mm: Some(0.5) }].into(),
+        ),
         EventKind::Contour { number: 3, cut_mm: 59.5, not_cut_mm: 0.5 },
         EventKind::Shift([1.5, -0.75]),
         EventKind::Lead(LeadShape::Arc),
@@ -84,7 +87,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
-            EventKind::Lead(_) | EventKind::StartInKerf => {}
+            EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }
             | EventKind::CutterState { .. }
