@@ -208,6 +208,19 @@ impl<const A: usize> ContourList<A> {
     }
 }
 
+/// A contour that was begun before the job was resumed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RestoredContour {
+    /// Its number in the program, from 1.
+    pub number: u32,
+    /// Program line that lights the cutter.
+    pub line: u32,
+    /// Length that is cut, mm.
+    pub cut_mm: f64,
+    /// Length that is not cut, mm; `None` where it has not ended.
+    pub not_cut_mm: Option<f64>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

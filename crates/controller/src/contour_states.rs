@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::contour_list::{ContourList, PlannedContour};
+use crate::contour_list::{ContourList, PlannedContour, RestoredContour};
 use crate::event::EventKind;
 use crate::telemetry::{PeriodRecord, Telemetry};
 
@@ -36,19 +36,6 @@ impl ContourState {
             Self::NotCut => "not_cut",
         }
     }
-}
-
-/// A contour that was begun before the job was resumed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RestoredContour {
-    /// Its number in the program, from 1.
-    pub number: u32,
-    /// Program line that lights the cutter.
-    pub line: u32,
-    /// Length that is cut, mm.
-    pub cut_mm: f64,
-    /// Length that is not cut, mm; `None` where it has not ended.
-    pub not_cut_mm: Option<f64>,
 }
 
 /// A contour that was begun.

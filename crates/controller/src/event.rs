@@ -11,7 +11,7 @@ use retrace_journal::Timestamp;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
-use crate::contour_states::RestoredContour;
+use crate::contour_list::RestoredContour;
 use crate::cutter_state::CutterState;
 use crate::dnc_events::DncEvent;
 use crate::operator::{CommandError, LeadShape, OperatorCommand};

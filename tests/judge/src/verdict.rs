@@ -161,8 +161,8 @@ impl ReferenceJob {
     }
 
     /// Length in records of the gaps that the other kerf leaves, beyond the tolerance of a place. An arc that is
-    /// ignited before the gap strikes behind the cell that was cut last, or not at all before the contour ends. Where the machine comes to rest, records with at most one
-    /// pulse among them have no length.
+    /// ignited before the gap strikes behind the cell that was cut last, or not at all before the contour ends. Where
+    /// the machine comes to rest, records with at most one pulse among them have no length.
     fn records_not_cut(&self, kerf: &Kerf, cell_pulses: f64) -> f64 {
         let is_gap = |[from, to]: &[f64; 2]| {
             let end = to - PLACE_TOLERANCE;

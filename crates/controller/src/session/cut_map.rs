@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use retrace_core::{Distance, Place, RecordIndex};
 use retrace_journal::RecordRanges;
 
-use crate::contour_states::RestoredContour;
+use crate::contour_list::RestoredContour;
 
 /// Most ranges that are retained, and most contours. Beyond them the oldest are forgotten.
 const MAX_RANGES: usize = 4096;

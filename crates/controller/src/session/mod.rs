@@ -4,9 +4,11 @@
 //! mode's output, send the instruction that is due, slide the window, set the rate, let the period pass, account it.
 //! Nothing here waits for the planner except in virtual time, where waiting takes no time.
 
+mod arc_latch;
 mod back_target;
 mod commands;
 mod contour_pass;
+mod cut_end;
 mod cut_map;
 mod cut_mapping;
 mod cutter_watch;

@@ -8,60 +8,32 @@
 //! Invariant: the program is executed again only from a place where the machine is at rest with its cutters off; the
 //! counts of every place beyond are those of the first time.
 
-use retrace_config::{CutterConfig, CutterRestart, MachineConfig};
+use retrace_config::{CutterConfig, MachineConfig};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
-use retrace_core::{Distance, Place, RecordIndex};
-use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, PathStart};
+use retrace_core::{Distance, Place};
+use retrace_link::{HostCommand, MotionCard, PathStart};
 
+use super::arc_latch::Latch;
 use super::back_target::{BackTarget, BackTargetKind};
-use super::cut_mapping::measure_um;
+use super::cut_end::CutEnd;
 use super::kerf_search::KerfSearch;
 use super::lead_in::{Lead, NOT_IN_CUT};
 use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
-use crate::event::{CardError, CutterOffReason, EventKind};
+use crate::event::{CardError, EventKind};
 use crate::operator::{CommandError, CutStart};
 use crate::record_streamer::LeadIn;
-use crate::restart::RestartStep;
-use crate::resume::ResumedCutEnd;
-
-/// Where a cut was interrupted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct CutEnd {
-    /// Place up to which it was cut.
-    place: Place,
-    /// The furthest place to which it may have been cut: beyond `place` where a job is resumed whose journal
-    /// ends before.
-    latest: Place,
-    channel: u8,
-    /// Whether the kerf may be longer still: the place comes from a journal, which may lack the last second.
-    may_be_longer: bool,
-}
-
-/// A cutter that started in motion and is not proven yet (CUT-38).
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Latch {
-    input: u8,
-    cut_end: CutEnd,
-    /// Length in mm beyond the end of the cut that is left to be proven in.
-    remaining_mm: f64,
-    /// Where the input became active, and the control periods since. An arc that goes out again before it is proven is
-    /// not noticed by the card.
-    struck: Option<(Place, u16)>,
-    /// Control periods after which the cutter is proven.
-    proven_periods: u16,
-}
 
 /// State of the recovery of an interrupted cut.
 #[derive(Debug)]
 pub(super) struct CutRecovery {
     machine: MachineConfig,
-    cut_end: Option<CutEnd>,
+    pub(super) cut_end: Option<CutEnd>,
     /// The machine goes back, and starts there in this way.
     returning: Option<CutStart>,
     /// How the next restart of the outputs starts the cutter, where that was chosen.
     chosen_start: Option<CutStart>,
-    latch: Option<Latch>,
+    pub(super) latch: Option<Latch>,
     /// The interrupted cut is to be continued once the machine is at the furthest place.
     continues_when_rejoined: bool,
     /// Whether the rest of the contour is passed with the torch off: it is cut, and over a kerf no arc strikes.
@@ -160,40 +132,7 @@ impl CutRecovery {
         // A shifted cutter pierces.
         cutter.map_or(0.0, |cutter| if self.lead.is_shifted() { cutter.restart.overlap_mm } else { cutter.run_in_mm() })
     }
-
-    /// Makes the steps of a restart that light a cutter start it in motion: they take the time of the pilot arc, and do
-    /// not wait for the input.
-    fn start_in_motion(&mut self, steps: &mut [RestartStep], fire_channels: &[u8], place: Place) {
-        for step in steps {
-            let lit = step.changes().iter().find(|change| change.value != 0 && fire_channels.contains(&change.channel));
-            let Some(channel) = lit.map(|change| change.channel) else { continue };
-            let Some(cutter) = self.machine.cutters.iter().find(|cutter| cutter.fire == channel) else { continue };
-            let Some(proof) = cutter.proof else { continue };
-            let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(self.machine.period_us)).round() as u32;
-            (step.periods, step.until) = (pilot_periods, None);
-            if let Some(LayerMove::Start { pierce, cut, .. }) = &mut step.layer {
-                // It meets the kerf at the height of the cut.
-                *pierce = *cut;
-            }
-            let CutterRestart { run_in_mm, latch_mm, .. } = cutter.restart;
-            // Where no end of a cut is known, the kerf is taken to end within the run-in.
-            let (cut_end, remaining_mm) = match self.cut_end.filter(|end| end.channel == channel) {
-                Some(cut_end) => (cut_end, latch_mm),
-                None => (CutEnd { place, latest: place, channel, may_be_longer: false }, run_in_mm + latch_mm),
-            };
-            let proven_periods = proof.settings(self.machine.period_us).proven_periods;
-            self.latch = Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
-        }
-    }
 }
-
-/// Records between the end of a cut and its continuation that count as none: the places are those of whole control
-/// periods, and the input of an arc that strikes is debounced.
-const UNNOTICED_RECORDS: i64 = 3;
-/// Length in µm that counts as none, too: a contour ends with many short records, in which no arc is proven.
-const UNNOTICED_UM: u64 = 50;
-/// Maximum number of records that are measured in one control period.
-const MAX_MEASURED_RECORDS: i64 = 20_000;
 
 const NOT_AT_REST: CommandError = CommandError::NotNow("the machine has to be at rest");
 const NOT_RETRACING: CommandError =
@@ -204,84 +143,6 @@ const NOT_RETAINED: CommandError =
     CommandError::NotNow("the instructions of the program are not retained back to this place");
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Records where a cut ended, if a cutter went out in it.
-    pub(super) fn record_cut_end(&mut self, off: CutterOff) {
-        let lost = off.cause == CutterOffCause::Lost;
-        // On a lead-in nothing of the path is cut.
-        if self.mode_controller.mode() != Mode::Run || self.is_on_lead_in() {
-            return;
-        }
-        let channel = self.cutters_of(off.channels).next();
-        // Nothing is cut yet where its own instruction is still being executed.
-        let Some(channel) = channel.filter(|&channel| self.streamer.expected()[usize::from(channel)] != 0) else {
-            return;
-        };
-        let is_interrupted = lost || self.recovery.usually_starts_in_motion(channel);
-        // A cutter that did not start again, or was not proven yet, has cut nothing since.
-        let has_cut = self.recovery.latch.take().is_none() && (lost || !off.cause.cancels_start());
-        if !is_interrupted || !has_cut {
-            return;
-        }
-        self.set_cut_end(off.place, channel);
-        let is_done = self.is_lost_at_end(channel, off.place) || self.is_lost_over_kerf(off.place);
-        self.contour_pass.skips_at_rest = lost && is_done;
-    }
-
-    fn set_cut_end(&mut self, place: Place, channel: u8) {
-        self.stats.cut_interruptions += 1;
-        self.begin_rest_of_cut(place, channel);
-    }
-
-    /// The cut of this cutter ends at `place`, and is to be continued there.
-    pub(super) fn begin_rest_of_cut(&mut self, place: Place, channel: u8) {
-        self.recovery.cut_end = Some(CutEnd { place, latest: place, channel, may_be_longer: false });
-        let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
-        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: false });
-    }
-
-    /// Records where a cut ended because the operator switches this cutter off.
-    pub(super) fn record_cut_end_by_hand(&mut self, channel: u8) {
-        let status = self.card.status();
-        let is_on = status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
-        // Started in motion and not proven: it has cut nothing since.
-        if self.recovery.latch.take().is_some() {
-            return;
-        }
-        if self.is_on_lead_in() {
-            return;
-        }
-        // A cutter that pierces at rest continues where it was put out at rest.
-        let goes_back = !status.at_rest || self.recovery.usually_starts_in_motion(channel);
-        let is_cutting = self.mode_controller.mode() == Mode::Run || self.leaving_run != LeavingRun::No;
-        if is_on && is_cutting && goes_back {
-            // The card switches it off later, so that this place is cut.
-            self.set_cut_end(status.place, channel);
-        }
-    }
-
-    /// A job is resumed inside a cut, or behind one that was interrupted: it is continued from where it certainly
-    /// ended. The pierce is complete at the furthest place, so that the cut is not shorter than its beginning.
-    pub(super) fn restore_cut_end(&mut self, ends: &[ResumedCutEnd], reached: RecordIndex) {
-        let expected = self.streamer.expected();
-        let is_lit = |end: &&ResumedCutEnd| expected.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
-        let lit = ends.iter().find(is_lit);
-        let cut = lit.or_else(|| ends.iter().find(|end| end.is_interruption));
-        let Some(&ResumedCutEnd { channel, place, is_interruption, is_exact }) = cut else { return };
-        let reached = Place::start_of(reached);
-        let pierce = self.streamer.pierce_before(if is_interruption { place } else { reached });
-        let later = |a: Place, b: Place| if a.distance_to(b) > Distance::ZERO { b } else { a };
-        let place = pierce.map_or(place, |pierce| later(place, Place::start_of(pierce + 1)));
-        // Where the machine had gone back to continue it, it ends beyond the furthest place.
-        let latest = if is_exact || lit.is_none() { place } else { later(place, reached) };
-        self.recovery.cut_end = Some(CutEnd { place, latest, channel, may_be_longer: true });
-        if let Some(pierce) = pierce {
-            let line = self.streamer.record(pierce).map_or(0, |record| record.line);
-            self.cut_map.begin_contour(pierce, line, channel);
-        }
-        let line = self.streamer.record(place.record).map_or(0, |record| record.line);
-        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: true });
-    }
-
     /// Goes to the furthest place, and continues the interrupted cut from there. Returns false where no cut was
     /// interrupted.
     fn continue_when_rejoined(&mut self) -> bool {
@@ -509,7 +370,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let place = self.card.status().place;
         let fires = self.config.fire_channels.iter().find(|&&channel| self.restart.switches_on(channel));
         if fires.is_some_and(|&channel| self.starts_in_motion(channel, place, chosen)) {
-            self.recovery.start_in_motion(&mut self.restart.steps, &self.config.fire_channels, place);
+            self.start_in_motion(place);
         }
     }
 
@@ -521,78 +382,5 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     pub(super) fn furthest_place(&self) -> Place {
         Place::start_of(self.card.status().reached)
-    }
-
-    /// The cut that ended at `end` is continued at `at`: counts what lies in between, as far as that is known.
-    fn end_interruption(&mut self, end: CutEnd, at: Place) {
-        self.recovery.cut_end = None;
-        self.emit(EventKind::CutContinued);
-        let end = end.latest;
-        let records = end.distance_to(at).units() >> 32;
-        if records < UNNOTICED_RECORDS {
-            return;
-        }
-        let last = records.min(MAX_MEASURED_RECORDS) as u32;
-        let mm: f64 = (0..last).filter_map(|record| self.record_length_mm(end.record + record)).sum();
-        self.emit(EventKind::NotCut((mm * 1000.0).round() / 1000.0));
-    }
-
-    /// Checks that a cutter that started in motion is proven in time, and forgets the end of a cut that is passed.
-    pub(super) fn watch_latch(&mut self, status: &CardStatus<A>) {
-        // In a hold, the output may be on for the time of a report.
-        let runs = self.mode_controller.mode() == Mode::Run && !self.mode_controller.is_held();
-        let is_cutting = runs && status.rate.signum() > 0;
-        if self.recovery.latch.is_some_and(|latch| self.streamer.expected()[usize::from(latch.cut_end.channel)] == 0) {
-            self.end_latch_with_cut(status);
-        }
-        let Some(latch) = &mut self.recovery.latch else {
-            let Some(end) = self.recovery.cut_end else { return };
-            let is_lit = status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
-            if is_cutting && is_lit && end.place.distance_to(status.place) > Distance::ZERO {
-                self.end_interruption(end, status.place.moved(-status.rate.over(1)));
-            }
-            return;
-        };
-        if status.inputs >> (latch.input & 15) & 1 == 1 {
-            let (place, periods) = latch.struck.unwrap_or((status.place, 0));
-            latch.struck = Some((place, periods + 1));
-            if periods + 1 >= latch.proven_periods {
-                let end = latch.cut_end;
-                self.recovery.latch = None;
-                self.end_interruption(end, place);
-            }
-            return;
-        }
-        latch.struck = None;
-        if latch.cut_end.latest.distance_to(status.place) <= Distance::ZERO {
-            return;
-        }
-        let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
-        latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
-        if latch.remaining_mm < 0.0 {
-            self.recovery.latch = None;
-            if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.may_be_longer) {
-                // The kerf may be longer than was thought: the next attempt looks for its end further on.
-                end.latest = status.place;
-            }
-            self.switch_cutters_off(CutterOffReason::NotLatched);
-            let _ = self.mode_controller.apply(ModeCommand::Hold);
-        }
-    }
-
-    /// The program has switched the cutter off, and it was not proven. Where it may have been cut to here before, that
-    /// is the end of it; else the cut remains interrupted.
-    fn end_latch_with_cut(&mut self, status: &CardStatus<A>) {
-        let Some(Latch { cut_end, .. }) = self.recovery.latch.take() else { return };
-        let (first, records) = (cut_end.latest.record, cut_end.latest.distance_to(status.place).units() >> 32);
-        let left_um = || measure_um(&self.streamer, &self.config.mm_per_pulse, first, records.max(0) as u32);
-        if records < UNNOTICED_RECORDS || left_um() < UNNOTICED_UM {
-            self.recovery.cut_end = None;
-            self.emit(EventKind::CutContinued);
-            return;
-        }
-        self.emit(EventKind::CutterOff { channel: cut_end.channel, reason: CutterOffReason::NotLatched });
-        // never rejected
-        let _ = self.mode_controller.apply(ModeCommand::Hold);
     }
 }

@@ -1,0 +1,120 @@
+//! A cutter that starts in motion in its kerf, and is proven on the way (CUT-38).
+//!
+//! Invariant: without a proof it is on for at most `latch_mm` beyond the furthest place to which it may have cut.
+
+use retrace_config::CutterRestart;
+use retrace_core::mode::{Mode, ModeCommand};
+use retrace_core::{Distance, Place};
+use retrace_link::{CardStatus, LayerMove, MotionCard};
+
+use super::Session;
+use super::cut_end::{CutEnd, UNNOTICED_RECORDS};
+use super::cut_mapping::measure_um;
+use crate::event::{CutterOffReason, EventKind};
+
+/// A cutter that started in motion and is not proven yet (CUT-38).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Latch {
+    input: u8,
+    pub(super) cut_end: CutEnd,
+    /// Length in mm beyond the end of the cut that is left to be proven in.
+    remaining_mm: f64,
+    /// Where the input became active, and the control periods since. An arc that goes out again before it is proven is
+    /// not noticed by the card.
+    struck: Option<(Place, u16)>,
+    /// Control periods after which the cutter is proven.
+    proven_periods: u16,
+}
+
+/// Length in µm that counts as none, too: a contour ends with many short records, in which no arc is proven.
+const UNNOTICED_UM: u64 = 50;
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// Makes the steps of the restart that light a cutter start it in motion: they take the time of the pilot arc, and
+    /// do not wait for the input.
+    pub(super) fn start_in_motion(&mut self, place: Place) {
+        let (machine, interrupted) = (self.recovery.machine(), self.recovery.cut_end);
+        let fires = &self.config.fire_channels;
+        let mut latch = None;
+        for step in &mut self.restart.steps {
+            let lit = step.changes().iter().find(|change| change.value != 0 && fires.contains(&change.channel));
+            let Some(channel) = lit.map(|change| change.channel) else { continue };
+            let Some(cutter) = self.recovery.cutter(channel) else { continue };
+            let Some(proof) = cutter.proof else { continue };
+            let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(machine.period_us)).round() as u32;
+            (step.periods, step.until) = (pilot_periods, None);
+            if let Some(LayerMove::Start { pierce, cut, .. }) = &mut step.layer {
+                // It meets the kerf at the height of the cut.
+                *pierce = *cut;
+            }
+            let CutterRestart { run_in_mm, latch_mm, .. } = cutter.restart;
+            // Where no end of a cut is known, the kerf is taken to end within the run-in.
+            let (cut_end, remaining_mm) = match interrupted.filter(|end| end.channel == channel) {
+                Some(cut_end) => (cut_end, latch_mm),
+                None => (CutEnd { place, latest: place, channel, may_be_longer: false }, run_in_mm + latch_mm),
+            };
+            let proven_periods = proof.settings(machine.period_us).proven_periods;
+            latch = Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
+        }
+        self.recovery.latch = latch.or(self.recovery.latch);
+    }
+
+    /// Checks that a cutter that started in motion is proven in time, and forgets the end of a cut that is passed.
+    pub(super) fn watch_latch(&mut self, status: &CardStatus<A>) {
+        // In a hold, the output may be on for the time of a report.
+        let runs = self.mode_controller.mode() == Mode::Run && !self.mode_controller.is_held();
+        let is_cutting = runs && status.rate.signum() > 0;
+        if self.recovery.latch.is_some_and(|latch| self.streamer.expected()[usize::from(latch.cut_end.channel)] == 0) {
+            self.end_latch_with_cut(status);
+        }
+        let Some(latch) = &mut self.recovery.latch else {
+            let Some(end) = self.recovery.cut_end else { return };
+            let is_lit = status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
+            if is_cutting && is_lit && end.place.distance_to(status.place) > Distance::ZERO {
+                self.end_interruption(end, status.place.moved(-status.rate.over(1)));
+            }
+            return;
+        };
+        if status.inputs >> (latch.input & 15) & 1 == 1 {
+            let (place, periods) = latch.struck.unwrap_or((status.place, 0));
+            latch.struck = Some((place, periods + 1));
+            if periods + 1 >= latch.proven_periods {
+                let end = latch.cut_end;
+                self.recovery.latch = None;
+                self.end_interruption(end, place);
+            }
+            return;
+        }
+        latch.struck = None;
+        if latch.cut_end.latest.distance_to(status.place) <= Distance::ZERO {
+            return;
+        }
+        let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
+        latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
+        if latch.remaining_mm < 0.0 {
+            self.recovery.latch = None;
+            if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.may_be_longer) {
+                // The kerf may be longer than was thought: the next attempt looks for its end further on.
+                end.latest = status.place;
+            }
+            self.switch_cutters_off(CutterOffReason::NotLatched);
+            let _ = self.mode_controller.apply(ModeCommand::Hold);
+        }
+    }
+
+    /// The program has switched the cutter off, and it was not proven. Where it may have been cut to here before, that
+    /// is the end of it; else the cut remains interrupted.
+    fn end_latch_with_cut(&mut self, status: &CardStatus<A>) {
+        let Some(Latch { cut_end, .. }) = self.recovery.latch.take() else { return };
+        let (first, records) = (cut_end.latest.record, cut_end.latest.distance_to(status.place).units() >> 32);
+        let left_um = || measure_um(&self.streamer, &self.config.mm_per_pulse, first, records.max(0) as u32);
+        if records < UNNOTICED_RECORDS || left_um() < UNNOTICED_UM {
+            self.recovery.cut_end = None;
+            self.emit(EventKind::CutContinued);
+            return;
+        }
+        self.emit(EventKind::CutterOff { channel: cut_end.channel, reason: CutterOffReason::NotLatched });
+        // never rejected
+        let _ = self.mode_controller.apply(ModeCommand::Hold);
+    }
+}
