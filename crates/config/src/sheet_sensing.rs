@@ -34,6 +34,10 @@ pub struct SheetSensing {
     /// Height in mm over the sheet between two contours.
     #[schemars(range(min = 0.0, max = 500.0))]
     pub safe_mm: f64,
+    /// Height in mm over the sheet to which the tool is lifted where a cut was interrupted, and at which the path is
+    /// retraced. 0: it is not lifted.
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub lift_mm: f64,
     /// Travel of the float switch between the contact with the sheet and its opening, in mm.
     #[schemars(range(min = 0.0, max = 50.0))]
     pub float_travel_mm: f64,
@@ -49,6 +53,7 @@ impl Default for SheetSensing {
             probe_mm_per_s: 8.0,
             latch_mm_per_s: 1.0,
             safe_mm: 15.0,
+            lift_mm: 10.0,
             float_travel_mm: 0.0,
         }
     }
@@ -69,6 +74,7 @@ impl SheetSensing {
         within(&named("probe_mm_per_s"), self.probe_mm_per_s, 0.1, 100.0)?;
         within(&named("latch_mm_per_s"), self.latch_mm_per_s, 0.05, 20.0)?;
         within(&named("safe_mm"), self.safe_mm, 0.0, 500.0)?;
+        within(&named("lift_mm"), self.lift_mm, 0.0, 500.0)?;
         within(&named("float_travel_mm"), self.float_travel_mm, 0.0, 50.0)
     }
 }
@@ -123,6 +129,12 @@ impl<'m> ToolLayer<'m> {
     #[must_use]
     pub fn lift(&self, path_mm: f64) -> LayerMove {
         self.over_sheet(path_mm, self.sensing.safe_mm)
+    }
+
+    /// Moves off a cut that was interrupted, if the tool is lifted there; the path of the tool axis is at `path_mm`.
+    #[must_use]
+    pub fn retract(&self, path_mm: f64) -> Option<LayerMove> {
+        (self.sensing.lift_mm > 0.0).then(|| self.over_sheet(path_mm, self.sensing.lift_mm))
     }
 
     /// Moves to this height in mm over the sheet that was found; the path of the tool axis is at `path_mm`.

@@ -189,6 +189,8 @@ pub enum EventKind {
     OutputsDiffer(DifferingOutputs),
     /// Outputs were restored to what the program expects.
     OutputsRestored,
+    /// The tool was lifted off the sheet where a cut was interrupted (CUT-31).
+    ToolLifted,
     /// A restart executes an instruction again; with its code.
     RestartSwitching(&'static str),
     /// The instruction of a restart is complete.
@@ -330,6 +332,7 @@ impl Event {
                     .collect();
                 json!({"event": "outputs_differ", "outputs": list})
             }
+            EventKind::ToolLifted => json!({"event": "tool_lifted"}),
             EventKind::OutputsRestored => json!({"event": "outputs_restored"}),
             EventKind::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
             EventKind::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
@@ -453,6 +456,7 @@ impl Event {
                     .collect();
                 format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
             }
+            EventKind::ToolLifted => "the tool is lifted off the sheet".into(),
             EventKind::OutputsRestored => "outputs restored".into(),
             EventKind::RestartSwitching(code) => format!("restart: {code} begins"),
             EventKind::RestartSwitched(code) => format!("restart: {code} done"),

@@ -26,6 +26,7 @@ const OPENS: i64 = 1;
 const PIERCE: i64 = 1520;
 const CUT: i64 = 600;
 const SAFE: i64 = 6000;
+const LIFT: i64 = 4000;
 
 fn machine(sense: &str) -> String {
     let axis = |name: &str, pulses: f64, travel: &str, [velocity, acceleration]: [u32; 2]| {
@@ -233,6 +234,43 @@ fn a_lost_cut_is_continued_at_its_height() {
         assert_eq!(run.number("not_cut_mm"), 0.0);
         assert_eq!(trace.last().map(tool), Some(0));
     }
+}
+
+/// Where a cut is interrupted the tool is lifted at rest, and the path is retraced at that height, backward and
+/// forward, also for a shifted start; a stop waits for the lift. The torch is off meanwhile.
+#[test]
+fn an_interrupted_cut_is_lifted_off_and_retraced_at_height() {
+    let (whole, _) = run("", "");
+    let back = "back 12 mm\nafter 2s forward 50%\nafter 0.4s hold\nafter 1s recover\n";
+    for (faults, script, passes) in [
+        ("lose@20", "at 7s recover\n".to_owned(), 1),
+        ("", "at 5s hold\nafter 0.2s recover\n".to_owned(), 0),
+        ("", "at 5s cutter off\nafter 2s recover\n".to_owned(), 0),
+        ("", format!("at 5s {back}"), 1),
+        ("lose@20", format!("at 7s {back}"), 1),
+        ("lose@20", "at 7s back to cut end\nafter 3s shift 0 4\nafter 0s cut\n".to_owned(), 1),
+    ] {
+        let (run, trace) = run(faults, &script);
+        assert_eq!(run.report["outcome"], "completed", "{script}: {}", run.output.out);
+        assert_eq!((run.counts(), run.number("not_cut_mm")), (whole.counts(), 0.0), "{script}");
+        assert_heights(&run, &trace, SHEET);
+        assert!(run.of_kind("tool_lifted").count() > 0, "{script}");
+        let height = |sample: &Sample| tool(sample) - SHEET - OPENS;
+        let off = trace.windows(2).filter(|pair| {
+            let moves = pair[0].counts[..2] != pair[1].counts[..2];
+            moves && pair[1].place != pair[0].place && !pair[0].is_on("spindle") && !pair[1].is_on("spindle")
+        });
+        let in_cut = |pair: &&[Sample]| pair[1].line == 4 || pair[1].line == 8;
+        let retraced: Vec<i64> = off.filter(in_cut).map(|pair| height(&pair[1])).collect();
+        // Besides the last pulses on the way to rest.
+        let low = retraced.iter().filter(|&&height| height != LIFT).count();
+        assert!(low <= 200 && retraced.len() >= 300 * passes, "{script}: {low} of {}", retraced.len());
+        assert_eq!(trace.last().map(tool), Some(0), "{script}");
+    }
+    let (stopped, trace) = run("lose@20", "at 4.95s hold\nat 5.55s stop\n");
+    assert_eq!(stopped.report["outcome"], "stopped");
+    let stands = trace.last().map(tool).expect("a sample");
+    assert_eq!((stopped.report["position_counts"]["z"].as_i64(), stands), (Some(stands), SHEET + OPENS + LIFT));
 }
 
 /// A hold while the sheet is sensed: the tool axis rests, and goes on with the program.

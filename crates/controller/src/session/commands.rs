@@ -206,8 +206,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             _ => {}
         }
-        if self.restart.is_active() {
-            return Err(CommandError::NotNow("outputs are being restored"));
+        if self.restart.is_active() || self.is_lifting() {
+            return Err(CommandError::NotNow("outputs are being restored, or the tool is being lifted"));
         }
         let channel = self.streamer.last_fired_channel().ok_or(CommandError::NoPierce)?;
         self.emit(EventKind::CutterOn(channel));

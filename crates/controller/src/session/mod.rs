@@ -13,6 +13,7 @@ mod cut_map;
 mod cut_mapping;
 mod cutter_watch;
 mod dnc_pause;
+mod job_phase;
 mod kerf_search;
 mod lead_in;
 mod manual_outputs;
@@ -24,6 +25,7 @@ mod switching;
 mod telemetry;
 mod test_pulse;
 mod tool_length;
+mod tool_lift;
 mod window;
 
 use std::thread;
@@ -49,6 +51,7 @@ use back_target::BackTarget;
 use contour_pass::ContourPass;
 use cut_map::CutMap;
 use dnc_pause::DncPause;
+use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
 use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
@@ -57,6 +60,7 @@ use session_config::{SessionConfig, contour_channels};
 use test_pulse::TestPulse;
 pub(crate) use test_pulse::pulse_command;
 use tool_length::ToolLengthEntry;
+use tool_lift::ToolLift;
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,43 +77,6 @@ pub enum Outcome {
 
 /// Time at rest (s), with the operator's script at its end, after which the job ends because nobody will resume it.
 const NOBODY_THERE_S: f64 = 10.0;
-
-/// Progress of a job. It ends when the machine is at rest in a phase that is stopping.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum JobPhase {
-    Running,
-    /// Everything was executed once; the job waits for its release.
-    ProgramEnded,
-    /// The job was stopped before the end of its program.
-    Stopping,
-    /// The job was released after the end of its program.
-    Released,
-}
-
-impl JobPhase {
-    /// Stops or releases the job.
-    fn stop(&mut self) {
-        *self = if self.program_has_ended() { Self::Released } else { Self::Stopping };
-    }
-
-    fn is_stopping(self) -> bool {
-        matches!(self, Self::Stopping | Self::Released)
-    }
-
-    fn program_has_ended(self) -> bool {
-        matches!(self, Self::ProgramEnded | Self::Released)
-    }
-}
-
-/// Whether the machine is at rest at a program stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ProgramStop {
-    No,
-    /// Until cycle start.
-    Waiting,
-    /// Cycle start was pressed; the instruction has not been sent yet.
-    Continued,
-}
 
 /// A job that is executed on a card.
 pub struct Session<'r, const A: usize, C: MotionCard<A>> {
@@ -163,6 +130,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     cutter_states: Vec<CutterState>,
     /// Whether the input of each of them was inactive in the last period while it cut.
     cutter_inactive: Vec<bool>,
+    /// Height of the tool of the cutter that senses the sheet.
+    tool_lift: ToolLift,
     /// Test pulse that is on.
     test_pulse: Option<TestPulse>,
     /// Whether the handwheel has been behind `reached`.
@@ -175,6 +144,10 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     still_periods: u64,
     target: Option<RateTarget>,
 }
+
+/// Nothing moves.
+const STANDING: ModeOutput =
+    ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
 
 impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Creates a session on `card`, which is at rest at the place where the streamer begins.
@@ -218,6 +191,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             cutter_inactive: vec![false; machine.cutting_outputs.len()],
             cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
             contour_pass: ContourPass::default(),
+            tool_lift: ToolLift::default(),
             test_pulse: None,
             wheel_was_behind: false,
             window_is_trimmed: true,
@@ -326,6 +300,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.poll_planner();
         self.apply_commands();
+        self.advance_tool_lift();
         self.advance_recovery()?;
         self.advance_lead_in();
         self.advance_restart();
@@ -405,12 +380,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.is_paused() {
             return self.paused_output();
         }
+        if self.is_lifting() {
+            return STANDING;
+        }
         if let Some(output) = self.lead_in_output() {
             return output;
         }
         if self.restart.is_ending() || self.restart.is_active() && self.mode_controller.mode() != Mode::Run {
             // One restart at a time: what the furthest place needs is compared when this one is complete.
-            return ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
+            return STANDING;
         }
         self.recover_when_rejoined();
         self.search_back();
@@ -421,7 +399,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // The program stands; whoever retraces meanwhile comes back to where it does.
         let stops = mode == Mode::Run && (self.program_stop == ProgramStop::Waiting || self.single_stop);
         let leaves_run = !self.has_left_run();
-        if pauses || stops || leaves_run || self.back_target.as_ref().is_some_and(BackTarget::is_searching) {
+        if pauses
+            || stops
+            || leaves_run
+            || self.due_lift().is_some()
+            || self.back_target.as_ref().is_some_and(BackTarget::is_searching)
+        {
             demand.target = RateTarget::ZERO;
         }
         match demand.notice {
@@ -489,6 +472,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         self.watch_latch(status);
+        self.watch_tool_height(status);
         self.map_period(status);
         self.watch_cutter_states(status);
         self.watch_test_pulse(status);
@@ -540,7 +524,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn job_outcome(&mut self) -> Option<Outcome> {
         let status = *self.card.status();
         // An instruction in progress is completed first.
-        if !status.at_rest || self.executing.is_some() && !self.rests_in_instruction(&status) {
+        if !status.at_rest || self.is_lifting() || self.executing.is_some() && !self.rests_in_instruction(&status) {
             return None;
         }
         if self.phase.is_stopping() {

@@ -281,7 +281,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Some(target) => status.place.fraction == 0 && BackTarget::is_reached_at(target, status.place.record),
         };
         let is_held = self.back_target.is_some() && self.mode_controller.is_held();
-        if !is_there || !status.at_rest || is_held || self.leaving_run != LeavingRun::No || self.dnc.is_on() {
+        if !is_there
+            || !status.at_rest
+            || self.is_lifting()
+            || is_held
+            || self.leaving_run != LeavingRun::No
+            || self.dnc.is_on()
+        {
             return Ok(());
         }
         self.recovery.returning = None;

@@ -38,6 +38,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::HistoryEndReached,
         EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(3, 0, 1), (64, 1, -1)].into_iter())),
         EventKind::OutputsRestored,
+        EventKind::ToolLifted,
         EventKind::RestartSwitching("M3"),
         EventKind::RestartSwitched("M3"),
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
@@ -87,6 +88,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
+            EventKind::ToolLifted => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }
