@@ -2,6 +2,8 @@
 //!
 //! Invariant: where the machine has to be homed, every axis can be, and the order has each of them once.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -19,11 +21,14 @@ pub(crate) struct HomingSection {
 }
 
 /// Manual operation, `[manual]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct ManualSection {
     /// Whether a program may move a machine that has not been homed.
     pub(crate) allow_unhomed: bool,
+    /// Position in mm, machine coordinates, to which *park* moves the axes for a change of consumables. Axes that are
+    /// not named stay; the tool axis goes to `retract_mm`.
+    pub(crate) park_mm: BTreeMap<char, f64>,
 }
 
 /// Setup of a machine, checked.
@@ -41,6 +46,8 @@ pub struct ManualConfig {
     pub tool_axis: Option<usize>,
     /// Position of the tool axis at which the others may move safely, mm, machine coordinates.
     pub retract_mm: Option<f64>,
+    /// Park position of each axis that has one, mm, machine coordinates.
+    pub park_mm: Vec<Option<f64>>,
 }
 
 /// The parts of a machine file that define the setup.
@@ -83,8 +90,22 @@ impl ManualConfig {
         }
         let homing_order = order(written.homing.order, axes, &homes, tool_axis)?;
         let (allow_unhomed, retract_mm) = (written.manual.allow_unhomed, written.retract_mm);
-        Ok(Self { homes, homing_order, homed, allow_unhomed, tool_axis, retract_mm })
+        let park_mm = park(&written.manual.park_mm, axes)?;
+        Ok(Self { homes, homing_order, homed, allow_unhomed, tool_axis, retract_mm, park_mm })
     }
+}
+
+/// Park position of each axis.
+fn park(named: &BTreeMap<char, f64>, axes: &[AxisConfig]) -> Result<Vec<Option<f64>>, NumberedError> {
+    let mut park_mm = vec![None; axes.len()];
+    for (&letter, &mm) in named {
+        let Some(index) = axes.iter().position(|axis| axis.name == letter.to_ascii_lowercase()) else {
+            return Err(refuse(format!("manual.park_mm: the machine has no axis {letter}")));
+        };
+        within(&format!("manual.park_mm.{letter}"), mm, axes[index].travel_mm[0], axes[index].travel_mm[1])?;
+        park_mm[index] = Some(mm);
+    }
+    Ok(park_mm)
 }
 
 /// Index of the tool axis: z where none is given.

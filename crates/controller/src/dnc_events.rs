@@ -85,6 +85,11 @@ pub enum DncStep {
         /// paused.
         off: AxisCounts,
     },
+    /// The axes are at the park position (CUT-34).
+    Parked {
+        /// Whether the move was stopped before.
+        stopped: bool,
+    },
     /// A tool length was entered: the breakpoint, and the path behind it, are moved along the tool axis.
     ToolLength {
         /// Letter of the tool axis.
@@ -133,6 +138,7 @@ impl DncEvent {
                 "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts,
                     "length_mm": length_mm,
             }),
+            DncStep::Parked { stopped } => json!({"event": "parked", "stopped": stopped}),
             DncStep::Online => json!({"event": "online"}),
             DncStep::Approaching => json!({"event": "approaching"}),
             DncStep::Arrived => json!({"event": "arrived"}),
@@ -171,6 +177,8 @@ impl fmt::Display for DncEvent {
                 }
                 write!(f, "the return and the path are moved by {by_mm:+.3} mm along {axis}, until the next tool")
             }
+            DncStep::Parked { stopped: false } => write!(f, "parked; change done brings the axes back"),
+            DncStep::Parked { stopped: true } => write!(f, "stopped on the way to the park position"),
             DncStep::Online => write!(f, "on line again; cycle start brings the axes back"),
             DncStep::Approaching => write!(f, "returning to the breakpoint"),
             DncStep::Arrived => write!(f, "at the breakpoint: the program continues"),

@@ -146,6 +146,10 @@ pub enum OperatorCommand {
     },
     /// Length of a tool that was changed in a pause.
     ToolLength(EnteredLength),
+    /// Pauses the program, if it is not paused, and moves the axes to the park position (CUT-34).
+    Park,
+    /// Brings the axes back from the park position: the steps of the pause that are missing, up to *cycle start*.
+    ChangeDone,
     /// Returns to on-line mode (DNC-5).
     Online,
     /// *Cycle start* (DNC-6). The same as [`OperatorCommand::Resume`] where nothing is paused.
@@ -202,6 +206,8 @@ impl fmt::Display for OperatorCommand {
             Self::CutFromHere(CutStart::Pierce) => write!(f, "cut pierce"),
             Self::CutFromHere(CutStart::Moving) => write!(f, "cut moving"),
             Self::Pause => write!(f, "pause"),
+            Self::Park => write!(f, "park"),
+            Self::ChangeDone => write!(f, "change done"),
             Self::SpindleStop => write!(f, "spindle stop"),
             Self::SpindleStart => write!(f, "spindle start"),
             Self::Jog { axis, mm } => write!(f, "jog {axis} {mm}"),
@@ -388,6 +394,8 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["stop"] => OperatorCommand::Stop,
         ["back", rest @ ..] => parse_back(rest)?,
         ["pause"] => OperatorCommand::Pause,
+        ["park"] => OperatorCommand::Park,
+        ["change", "done"] => OperatorCommand::ChangeDone,
         ["online"] => OperatorCommand::Online,
         ["spindle", "stop"] => OperatorCommand::SpindleStop,
         ["spindle", "start"] => OperatorCommand::SpindleStart,
@@ -399,7 +407,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "skip", "test", "tool", "cut", "shift", "lead", "contours",
+                "skip", "test", "tool", "cut", "shift", "lead", "contours", "park", "change",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -414,6 +422,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
 /// Example of a complete command that begins with this word.
 fn usage_example(word: &str) -> &'static str {
     match word {
+        "change" => "change done",
         "back" => "back 50 mm · back to block · back to pierce · back to cut end · back to contour 3",
         "cut" => "cut · cut pierce · cut moving",
         "shift" => "shift 1.5 -0.8 · shift nw · shift 0",

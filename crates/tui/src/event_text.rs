@@ -109,6 +109,8 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Shift(_) => "shift the start of the cut".into(),
         OperatorCommand::Lead(shape) => format!("shifted starts lead in by {}", shape.name()),
         OperatorCommand::Pause => "pause".into(),
+        OperatorCommand::Park => "go to the park position".into(),
+        OperatorCommand::ChangeDone => "the change is done: return".into(),
         OperatorCommand::SpindleStop => "stop the spindle".into(),
         OperatorCommand::SpindleStart => "start the spindle".into(),
         OperatorCommand::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),

@@ -287,6 +287,8 @@ impl KeyState {
             }
             KeyAction::Single => OperatorCommand::Single,
             KeyAction::Pause => OperatorCommand::Pause,
+            KeyAction::Park => OperatorCommand::Park,
+            KeyAction::ChangeDone => OperatorCommand::ChangeDone,
             KeyAction::CutterOff => return Some(UiCommand::CutterOff),
             KeyAction::CutterOn => OperatorCommand::CutterOn,
             KeyAction::Recover => OperatorCommand::Recover,

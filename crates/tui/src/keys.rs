@@ -95,6 +95,10 @@ pub(crate) enum KeyAction {
     Single,
     /// Pause.
     Pause,
+    /// To the park position, for a change of consumables; in a pause back from there.
+    Park,
+    /// Back from the park position.
+    ChangeDone,
     /// Switches every cutter off.
     CutterOff,
     /// Switches the cutter on manually.
@@ -314,6 +318,10 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, KeyAction::RapidOverride),
     row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, KeyAction::Single),
     row(&[Key::Char('p')], "p", "pause", "pause: move away from the path and return", RUN, KeyAction::Pause),
+    row(&[Key::Char('P')], "P", "park", "pause, and go to the park position for a change", RUN | RETRACE | WHEEL,
+        KeyAction::Park),
+    row(&[Key::Char('P')], "P", "change done", "the change is done: return to the path", PAUSED,
+        KeyAction::ChangeDone),
     row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off at once, in any situation", EVER,
         KeyAction::CutterOff),
     row(&[Key::Char('i')], "i", "cutter on", "cutter on, where manual cutting is permitted", MOVING,

@@ -383,9 +383,15 @@ fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
     if act == KeyAction::Jog {
         actions.push(if pause.spindle != 0 { KeyAction::Spindle } else { KeyAction::Online });
     }
-    for act in
-        [KeyAction::Jog, KeyAction::Step, KeyAction::Spindle, KeyAction::Online, KeyAction::Output, KeyAction::Quit]
-    {
+    for act in [
+        KeyAction::Jog,
+        KeyAction::Step,
+        KeyAction::Spindle,
+        KeyAction::Online,
+        KeyAction::Output,
+        KeyAction::Quit,
+        KeyAction::ChangeDone,
+    ] {
         if !actions.contains(&act) && (act != KeyAction::Spindle || pause.spindle != 0) {
             actions.push(act);
         }

@@ -307,6 +307,42 @@ fn a_pause_in_a_cut_ends_with_the_sheet_sensed_again() {
     }
 }
 
+/// *Park* goes up and across, *change done* back across and down; the cut that was lost is then continued where it
+/// ended, and one that was whole where the machine stood. A hold stops the axes on the way.
+#[test]
+fn consumables_are_changed_at_the_park_position() {
+    let (whole, _) = run("", "");
+    let park = "[manual]\npark_mm = { x = 300, y = 40 }\n";
+    for (faults, script) in [
+        ("lose@20", "at 7s park\nafter 8s change done\nafter 10s recover\n"),
+        ("lose@20", "at 7s park\nafter 1.5s hold\nafter 1s park\nafter 8s change done\nafter 10s recover\n"),
+        ("", "at 5s park\nafter 8s change done\nafter 10s recover\n"),
+    ] {
+        let bench = bench();
+        bench.file("m.toml", format!("retract_mm = -10\n{}{park}", machine(SENSE)));
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        let end = |run: &Run| (run.report["outcome"].clone(), run.counts(), run.number("not_cut_mm"));
+        assert_eq!(end(&run), end(&whole), "{script}: {}", run.output.out);
+        let stopped: Vec<&Value> = run.of_kind("parked").map(|event| &event["stopped"]).collect();
+        assert_eq!(stopped.last(), Some(&&Value::Bool(false)), "{script}");
+        assert_eq!(stopped.len() > 1, script.contains("hold"), "{script}");
+        let trace = samples(&vcd);
+        let parked = |sample: &Sample| sample.counts[..2] == [300 * 200, 40 * 200];
+        assert!(trace.iter().any(|sample| parked(sample) && tool(sample) == -10 * 400), "{script}");
+        for pair in trace.windows(2).filter(|pair| pair[0].counts[1] != pair[1].counts[1]) {
+            assert!(tool(&pair[1]) >= -10 * 400 && !pair[1].is_on("spindle"), "{script}: {:?}", pair[1]);
+        }
+        assert_eq!(trace.last().map(tool), Some(0), "{script}");
+    }
+    let (unparked, _) = run("", "at 5s park\nafter 0s hold\nafter 1s recover\n");
+    assert_eq!(unparked.report["outcome"], "completed");
+    let why = unparked.of_kind("command_rejected").map(|event| event["reason"].to_string()).next();
+    assert!(why.is_some_and(|why| why.contains("park_mm")));
+}
+
 /// In the restart after a loss a hold ends the start; the next one begins it anew.
 #[test]
 fn a_hold_while_the_sheet_is_sensed_again_rests() {

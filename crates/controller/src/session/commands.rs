@@ -61,6 +61,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             | OperatorCommand::SpindleStart
             | OperatorCommand::Jog { .. }
             | OperatorCommand::ToolLength(_)
+            | OperatorCommand::Park
+            | OperatorCommand::ChangeDone
             | OperatorCommand::Online => {}
             OperatorCommand::BackBy(mm) => return self.go_back(BackTargetKind::By(mm)),
             OperatorCommand::BackToBlock => return self.go_back(BackTargetKind::Block),
@@ -325,6 +327,7 @@ fn retraces(command: &OperatorCommand) -> bool {
             | OperatorCommand::BackToContour(_)
             | OperatorCommand::CutterOn
             | OperatorCommand::Pause
+            | OperatorCommand::Park
             | OperatorCommand::Single
     )
 }

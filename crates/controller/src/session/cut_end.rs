@@ -90,6 +90,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
+    /// Whether a cut was interrupted where the machine stands in normal run, or behind. It is continued by *recover*:
+    /// here no arc strikes over its own kerf.
+    pub(super) fn is_cut_to_be_recovered(&self) -> bool {
+        let end = self.recovery.cut_end();
+        self.mode_controller.mode() == Mode::Run
+            && end.is_some_and(|end| end.distance_to(self.card.status().place) >= Distance::ZERO)
+    }
+
     /// A job is resumed inside a cut, or behind one that was interrupted: it is continued from where it certainly
     /// ended. The pierce is complete at the furthest place, so that the cut is not shorter than its beginning.
     pub(super) fn restore_cut_end(&mut self, ends: &[ResumedCutEnd], reached: RecordIndex) {

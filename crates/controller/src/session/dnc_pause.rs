@@ -1,21 +1,19 @@
 //! The DNC pause: the operator's steps away from a breakpoint and back to it (DNC-1 … DNC-8).
 //!
-//! Invariant: the permitted order of the steps is decided by [`Interruption`] alone. The program's path is left, by an
-//! epoch of its own, only after the breakpoint is latched, and is resumed only at the latched counts.
+//! Invariant: the permitted order of the steps is decided by `core::interruption` alone. The program's path is left, by
+//! an epoch of its own, only after the breakpoint is latched, and is resumed only at the latched counts.
 
-use std::collections::VecDeque;
 use std::thread;
 use std::time::Duration;
 
-use retrace_config::MachineConfig;
 use retrace_core::interruption::{
-    Breakpoint, Interruption, InterruptionAction, InterruptionEvent as Said, SpindleDirection, SpindleState,
+    Breakpoint, InterruptionAction, InterruptionError, InterruptionEvent as Said, SpindleDirection, SpindleState,
 };
-use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::{Flags as RecordFlags, Place, Rate, RateTarget, RecordIndex};
-use retrace_journal::HoldReason;
+use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
+use retrace_core::{Flags as RecordFlags, Place, Rate, RateTarget};
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart, channel};
 
+use super::pause_state::{MAX_PENDING_COMMANDS, ManualMovePurpose, PausedAxis};
 use super::{Outcome, Session};
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
@@ -23,145 +21,6 @@ use crate::jog_planner::{JogPlanner, JogRequest};
 use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{PeriodRecord, Telemetry};
-
-/// Maximum number of commands that wait for a manual move to end.
-const WORDS: usize = 64;
-
-/// An axis, as far as manual moves need it.
-#[derive(Clone, Copy, Debug)]
-struct PausedAxis {
-    letter: char,
-    pulses_per_mm: f64,
-    /// Soft limits in counts.
-    soft_limits: [i64; 2],
-}
-
-/// Purpose of a manual move.
-#[derive(Clone, Copy, Debug)]
-enum ManualMovePurpose<const A: usize> {
-    Jog {
-        axis: usize,
-        from: i64,
-        to: i64,
-        /// The move was shortened to end at the soft limit.
-        cut_short: bool,
-    },
-    /// Return to the breakpoint, with the state of the interruption before the return.
-    Approach(Interruption<A>),
-}
-
-/// State of a pause.
-#[derive(Debug)]
-pub(super) struct DncPause<'r, const A: usize> {
-    jog_planner: Option<JogPlanner<'r, A>>,
-    axes: Vec<PausedAxis>,
-    /// Identity of the program that is run.
-    program: u64,
-    interruption: Interruption<A>,
-    /// Whether the machine is coming to rest to latch a breakpoint.
-    pausing: bool,
-    /// Periods at rest while doing so.
-    rest_periods: u32,
-    /// Commands that wait for the machine to be at rest.
-    pending_commands: VecDeque<OperatorCommand>,
-    /// Whether the identity of the program that would be read now is being determined.
-    identifying: bool,
-    manual_move: Option<(ManualMove, ManualMovePurpose<A>)>,
-    /// Position on the program's path while the card is in another epoch.
-    path_start: Option<PathStart>,
-    /// *Spindle start* was given for a cutter: it is lit after the return to the path, not before.
-    cutter_is_armed: bool,
-}
-
-impl<'r, const A: usize> DncPause<'r, A> {
-    pub(super) fn new(machine: &MachineConfig) -> Self {
-        let axis = |(index, axis): (usize, &retrace_config::AxisConfig)| PausedAxis {
-            letter: axis.name,
-            pulses_per_mm: axis.pulses_per_mm,
-            soft_limits: axis.travel_mm.map(|mm| machine.counts_of(index, mm)),
-        };
-        Self {
-            jog_planner: None,
-            axes: machine.axes.iter().enumerate().take(A).map(axis).collect(),
-            program: 0,
-            interruption: Interruption::reading(),
-            pausing: false,
-            rest_periods: 0,
-            pending_commands: VecDeque::with_capacity(WORDS),
-            identifying: false,
-            manual_move: None,
-            path_start: None,
-            cutter_is_armed: false,
-        }
-    }
-
-    /// Adds a planner of manual moves; `program` is the identity of the program that is run.
-    pub(super) fn with_jog_planner(self, hand: JogPlanner<'r, A>, program: u64) -> Self {
-        Self { jog_planner: Some(hand), program, ..self }
-    }
-
-    /// Removes the jog planner; [`DncPause::return_jog_planner`] puts it back.
-    pub(super) fn take_jog_planner(&mut self) -> Option<JogPlanner<'r, A>> {
-        self.jog_planner.take()
-    }
-
-    /// Puts back the jog planner that [`DncPause::take_jog_planner`] removed.
-    pub(super) fn return_jog_planner(&mut self, hand: JogPlanner<'r, A>) {
-        self.jog_planner = Some(hand);
-    }
-
-    /// Whether the program is paused or coming to rest for a pause.
-    pub(super) fn is_on(&self) -> bool {
-        self.pausing || self.interruption.is_paused()
-    }
-
-    /// Whether the program is paused.
-    pub(super) fn is_paused(&self) -> bool {
-        self.interruption.is_paused()
-    }
-
-    /// Whether the machine is coming to rest for a pause.
-    pub(super) fn is_pausing(&self) -> bool {
-        self.pausing
-    }
-
-    /// Whether the card is in an epoch other than the program's.
-    pub(super) fn is_off_path(&self) -> bool {
-        self.path_start.is_some()
-    }
-
-    /// Whether an operation is in progress that commands have to wait for.
-    fn is_busy(&self) -> bool {
-        self.pausing || self.identifying || self.is_moving()
-    }
-
-    /// Shifts the breakpoint by these pulses for a tool length, or reports why no length may be entered.
-    pub(super) fn shift_breakpoint(
-        &mut self,
-        pulses: [i64; A],
-    ) -> Result<(), retrace_core::interruption::InterruptionError> {
-        self.interruption.displace_breakpoint(pulses)
-    }
-
-    /// Counts of the breakpoint, and the place on the path where the program was left, while it is paused.
-    pub(super) fn breakpoint(&self, here: Place) -> Option<([i64; A], Place)> {
-        let latch = self.interruption.breakpoint()?;
-        Some((latch.counts, self.path_start.map_or(here, |left| left.place)))
-    }
-
-    pub(super) fn is_moving(&self) -> bool {
-        self.manual_move.is_some()
-    }
-
-    pub(super) fn hold_reason(&self) -> Option<HoldReason> {
-        self.interruption.is_paused().then_some(HoldReason::Paused)
-    }
-
-    /// The furthest place on the program's path when it was left.
-    pub(super) fn reached(&self) -> Option<RecordIndex> {
-        self.path_start.map(|left| left.reached)
-    }
-}
 
 impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Enables manual moves in a pause. `program` identifies the program that is run.
@@ -180,6 +39,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 | OperatorCommand::Jog { .. }
                 | OperatorCommand::Online
                 | OperatorCommand::ToolLength(_)
+                | OperatorCommand::Park
+                | OperatorCommand::ChangeDone
         );
         if steps || self.dnc.is_on() && matches!(command, OperatorCommand::CycleStart | OperatorCommand::Resume) {
             return Some(self.apply_pause_command(command));
@@ -211,8 +72,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if command == OperatorCommand::Pause {
             return self.pause();
         }
+        if command == OperatorCommand::Park {
+            self.require_park_position()?;
+            if !self.dnc.is_on() {
+                self.pause()?;
+            }
+        }
         if self.commands_wait() && !self.dnc.interruption.is_inhibited() {
-            if self.dnc.pending_commands.len() == WORDS {
+            if self.dnc.pending_commands.len() == MAX_PENDING_COMMANDS {
                 return Err(CommandError::NotNow("too many commands are waiting for the machine to come to rest"));
             }
             self.dnc.pending_commands.push_back(command);
@@ -223,7 +90,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn pause(&mut self) -> Result<(), CommandError> {
         if self.dnc.pausing {
-            return Err(retrace_core::interruption::InterruptionError::AlreadyPaused.into());
+            return Err(InterruptionError::AlreadyPaused.into());
         }
         let Some(&latch) = self.dnc.interruption.breakpoint() else {
             (self.dnc.pausing, self.dnc.rest_periods) = (true, 0);
@@ -250,20 +117,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Executes a step.
     fn perform_step(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
-        let latched = self.dnc.interruption.breakpoint().copied();
-        let turned = latched.and_then(|latch| latch.spindle);
-        let result = match command {
-            OperatorCommand::SpindleStop => Said::StopSpindle,
-            OperatorCommand::SpindleStart => {
-                Said::StartSpindle(turned.map_or(SpindleDirection::Clockwise, |was| was.direction))
-            }
-            OperatorCommand::Online => Said::Online,
+        match command {
             OperatorCommand::Jog { axis, mm } => return self.jog(axis, mm),
             OperatorCommand::ToolLength(length) => return self.propose_tool_length(length),
-            _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
-        };
-        let before = self.dnc.interruption;
-        match self.dnc.interruption.apply(result)? {
+            OperatorCommand::Park => return self.move_to_park(),
+            OperatorCommand::ChangeDone => return self.finish_change(),
+            _ => {}
+        }
+        let (before, event) = (self.dnc.interruption, self.dnc.event_of(command));
+        match self.dnc.interruption.apply(event)? {
             InterruptionAction::StopSpindle => {
                 self.dnc.cutter_is_armed = false;
                 self.switch_manually(channel::SPINDLE, 0);
@@ -303,7 +165,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Whether M3 lights a torch, a jet or a beam on this machine.
-    fn spindle_is_a_cutter(&self) -> bool {
+    pub(super) fn spindle_is_a_cutter(&self) -> bool {
         self.config.fire_channels.contains(&channel::SPINDLE)
     }
 
@@ -332,7 +194,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.begin_manual_move(JogRequest::Straight { from: counts, to: end }, aim)
     }
 
-    fn begin_manual_move(&mut self, request: JogRequest<A>, aim: ManualMovePurpose<A>) -> Result<(), CommandError> {
+    pub(super) fn begin_manual_move(
+        &mut self,
+        request: JogRequest<A>,
+        aim: ManualMovePurpose<A>,
+    ) -> Result<(), CommandError> {
         let executed = self.dnc.path_start.map_or(self.card.status().executed, |left| left.executed);
         let hand = self.dnc.jog_planner.as_mut().ok_or(NO_HAND)?;
         let trip =
@@ -445,10 +311,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let aim = *aim;
         self.dnc.manual_move = None;
         match aim {
-            ManualMovePurpose::Jog { .. } if ended == ManualMoveEnd::NotPlanned => {
+            ManualMovePurpose::Jog { .. } | ManualMovePurpose::Park if ended == ManualMoveEnd::NotPlanned => {
                 self.emit(EventKind::CommandRejected(NOT_PLANNED))
             }
             ManualMovePurpose::Jog { axis, from, to, cut_short } => self.emit_jogged(axis, from, to, cut_short),
+            ManualMovePurpose::Park => {
+                self.emit_dnc_step(DncStep::Parked { stopped: ended == ManualMoveEnd::Stopped });
+            }
             ManualMovePurpose::Approach(before) if ended == ManualMoveEnd::NotPlanned => {
                 self.dnc.interruption = before;
                 self.emit(EventKind::CommandRejected(NOT_PLANNED));
@@ -478,7 +347,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.emit_at(line, EventKind::Dnc(DncEvent { step: DncStep::Arrived, flags }));
         // Cycle start confirms the resumption; of outputs that differ, a cutter that was armed is confirmed as well.
         let agreed = std::mem::take(&mut self.dnc.cutter_is_armed) && self.only_cutters_differ();
-        let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Restart { confirmed: agreed });
+        let _ = self.mode_controller.apply(if self.is_cut_to_be_recovered() {
+            // Where the cut ended, and not here, it is to be continued: that takes a word of its own.
+            ModeCommand::Hold
+        } else {
+            ModeCommand::Restart { confirmed: agreed }
+        });
         Ok(())
     }
 
