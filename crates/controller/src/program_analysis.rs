@@ -177,7 +177,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     /// Control periods of the moves of the layer, where the sheet is as expected.
     fn layer_periods(&mut self, switch: &SwitchInstruction<'_>) -> u64 {
         let machine = self.scan.machine();
-        let (Some(moves), Some(layer), false) = (switch.layer, machine.tool_layer(), machine.inhibits_outputs) else {
+        let (Some(moves), Some(layer)) = (switch.layer, machine.tool_layer()) else {
             return 0;
         };
         let (at, sheet) = self.layer;

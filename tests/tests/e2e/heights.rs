@@ -182,6 +182,26 @@ fn a_start_at_a_line_senses_the_sheet_first() {
     }
 }
 
+/// In a dry run nothing is sensed or lit, and the tool passes the whole program at the safe height over the expected
+/// sheet, or higher.
+#[test]
+fn a_dry_run_stays_at_the_safe_height() {
+    for (sheet_mm, lift_mm) in [(-70, 0), (-5, 10)] {
+        let (bench, case) = (bench(), format!("sheet at {sheet_mm} mm"));
+        let machine = machine(&SENSE.replace("-70", &sheet_mm.to_string())).replace("[-100, 0]", "[-100, 50]");
+        let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
+        let trace = vcd.display().to_string();
+        let run = Run::of(&bench, &bench.path("part.ngc"), &["--machine", &machine, "--vcd", &trace, "--dry-run"]);
+        assert_eq!(run.report["outcome"], "completed", "{case}: {}", run.output.err);
+        let trace = samples(&vcd);
+        for pair in trace.windows(2).filter(|pair| pair[0].counts[0] != pair[1].counts[0]) {
+            assert_eq!(tool(&pair[1]), lift_mm * TOOL_PULSES as i64, "{case}: {:?}", pair[1]);
+        }
+        assert!(trace.iter().all(|sample| !sample.is_on("spindle") && sample.inputs >> 7 & 1 == 0), "{case}");
+        assert_eq!(trace.last().map(tool), Some(0), "{case}");
+    }
+}
+
 /// No sheet, or one that is higher than where it is sensed from: nothing is lit, nothing is fed, and the operator may
 /// try again, skip the contour or stop.
 #[test]

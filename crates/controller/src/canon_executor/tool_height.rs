@@ -35,6 +35,9 @@ impl CanonExecutor<'_> {
             return Ok(None);
         }
         let path_mm = self.actual_position()[self.axes[layer.index]];
+        if self.machine.inhibits_outputs {
+            return Ok(self.dry_lift(layer.first_lift(path_mm)).map(|lift| [lift; 2]));
+        }
         if change.value == 0 {
             self.layer = LayerState::Safe;
             return Ok(Some([layer.lift(path_mm); 2]));
@@ -46,6 +49,12 @@ impl CanonExecutor<'_> {
         self.layer = LayerState::AtCut;
         let puddle_mm = self.puddle().map_or(cut_mm, |(puddle_mm, _)| puddle_mm);
         Ok(Some([puddle_mm, cut_mm].map(|mm| layer.start(path_mm, pierce_mm, mm))))
+    }
+
+    /// In a dry run the tool stays at the safe height over the expected sheet, or higher: the move there, once (CUT-8).
+    fn dry_lift(&mut self, first_lift: Option<LayerMove>) -> Option<LayerMove> {
+        let is_first = std::mem::replace(&mut self.layer, LayerState::Safe) == LayerState::Zero;
+        first_lift.filter(|_| is_first)
     }
 
     /// Height in mm over the sheet behind the pierce, and the time in s there, where the material has them (CUT-13).

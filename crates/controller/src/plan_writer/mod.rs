@@ -329,8 +329,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let until = switch.until.filter(|_| !is_inhibited);
         let before = self.outputs;
         changes[..count].iter().for_each(|change| self.outputs[usize::from(change.channel)] = change.value);
-        let layer = switch.layer.filter(|_| self.inhibited.is_empty()); // in a dry run the tool stays where it is
-        let SwitchInstruction { line, kind, code, is_barrier, undone_in_reverse: undone, restart_layer, .. } = switch;
+        let SwitchInstruction { line, kind, code, is_barrier, undone_in_reverse: undone, layer, restart_layer, .. } =
+            switch;
         let place = self.ring.write();
         let exclusive = ExclusiveInstruction {
             place,
