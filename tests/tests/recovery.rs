@@ -123,7 +123,8 @@ fn recovery(chance: &mut TestRandom, at_s: f64) -> String {
             // where nothing is interrupted yet, it is refused, and the start is tried again on the path
             let [x, y] = [0; 2].map(|_| chance.below(1400) as f64 / 100.0 - 7.0);
             let lead = ["line", "arc"][chance.below(2)];
-            let shift = format!("at {from:.3}s lead {lead}\nafter 0s shift {x:.2} {y:.2}\n");
+            let shift =
+                format!("at {from:.3}s lead {lead}\nafter 0s shift {x:.2} {y:.2}\nafter 0s shift {x:.2} {y:.2}\n");
             shift + "after 0.1s recover\nafter 12s shift 0\nafter 0.1s recover\n"
         }
         _ => format!("at {from:.3}s recover\n"),

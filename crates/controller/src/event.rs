@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::contour_list::RestoredContour;
 use crate::cutter_state::CutterState;
 use crate::dnc_events::DncEvent;
-use crate::operator::{CommandError, LeadShape, OperatorCommand};
+use crate::operator::{CommandError, LeadShape, OperatorCommand, StartSide};
 
 /// A cause that stops the machine for the rest of the run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -238,7 +238,7 @@ pub enum EventKind {
         not_cut_mm: f64,
     },
     /// The next start of the cutter lies at this distance from its place on the path, X and Y in mm.
-    Shift([f64; 2]),
+    Shift([f64; 2], Option<StartSide>),
     /// How shifted starts lead in.
     Lead(LeadShape),
     /// The torch is to pierce in a kerf, over which no arc strikes.
@@ -357,7 +357,10 @@ impl Event {
             EventKind::Contour { number, cut_mm, not_cut_mm } => {
                 json!({"event": "contour", "number": number, "cut_mm": cut_mm, "not_cut_mm": not_cut_mm})
             }
-            EventKind::Shift([x, y]) => json!({"event": "shift", "x_mm": x, "y_mm": y}),
+            EventKind::Shift([x, y], side) => json!({
+                "event": "shift", "x_mm": x, "y_mm": y, "side": side.map(StartSide::name),
+                "toward": side.and_then(StartSide::material_name),
+            }),
             EventKind::Lead(shape) => json!({"event": "lead", "shape": shape.name()}),
             EventKind::StartInKerf => json!({"event": "start_in_kerf"}),
             EventKind::Joined => json!({"event": "joined"}),
@@ -476,8 +479,14 @@ impl Event {
             EventKind::Contour { number, not_cut_mm, .. } => {
                 format!("contour {number}: {not_cut_mm:.2} mm are not cut")
             }
-            EventKind::Shift([x, y]) if [*x, *y] == [0.0; 2] => "the cutter starts on the path".into(),
-            EventKind::Shift([x, y]) => format!("the cutter starts X{x:+.3} Y{y:+.3} mm beside the path"),
+            EventKind::Shift([x, y], _) if [*x, *y] == [0.0; 2] => "the cutter starts on the path".into(),
+            EventKind::Shift([x, y], side) => {
+                let material =
+                    side.and_then(StartSide::material_name).map_or(String::new(), |what| format!(", {what}"));
+                let side = side.map_or(String::new(), |side| format!(": {}{material}", side.name()));
+                // on a screen of 80 columns
+                format!("start X{x:+.3} Y{y:+.3} mm beside the path{side}")
+            }
             EventKind::Lead(LeadShape::Line) => "shifted starts lead in along a straight line".into(),
             EventKind::Lead(LeadShape::Arc) => "shifted starts lead in along an arc".into(),
             EventKind::StartInKerf => {

@@ -90,7 +90,7 @@ pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
 pub use operator::{
-    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, parse_script,
+    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide, parse_script,
     rate_percent,
 };
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};

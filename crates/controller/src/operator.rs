@@ -57,6 +57,29 @@ pub enum LeadShape {
     Arc,
 }
 
+/// Side of the path on which a shifted start lies, seen in the direction of motion (CUT-37).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StartSide {
+    /// Whether it lies to the left.
+    pub is_left: bool,
+    /// Whether that is the side of the part; `None` where no cutter compensation was on in the contour.
+    pub is_part: Option<bool>,
+}
+
+impl StartSide {
+    /// The side as one word: `left` or `right`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        if self.is_left { "left" } else { "right" }
+    }
+
+    /// What lies there, as one word: `part` or `scrap`, if that is known.
+    #[must_use]
+    pub fn material_name(self) -> Option<&'static str> {
+        self.is_part.map(|is_part| if is_part { "part" } else { "scrap" })
+    }
+}
+
 /// A command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OperatorCommand {

@@ -442,6 +442,31 @@ fn a_shifted_restart_leads_in_along_an_arc() {
     }
 }
 
+/// The side of a shifted start is told; with G41 and G42 it is known to be part or scrap, and the part is asked about.
+#[test]
+fn a_start_on_the_side_of_the_part_is_confirmed() {
+    for (code, toward) in [("G41.1 D1", ["scrap", "part"]), ("G42.1 D1", ["part", "scrap"]), ("G40", ["", ""])] {
+        for (y_mm, (side, toward)) in [(3, ("left", toward[0])), (-3, ("right", toward[1]))] {
+            let bench = Bench::new();
+            let program = format!("G21 G90 F1800\nG0 X10 Y20\nM3 S1\n{code}\nG1 X20\nG1 X60\nG40\nG1 X70\nM5\nM2\n");
+            let (program, machine) = (bench.file("part.ngc", program), bench.file("m.toml", with_lowest_y(-50.0)));
+            let shift = format!("shift 0 {y_mm}\n");
+            let script = format!("at 4s {shift}after 0.1s {shift}after 0.1s recover\n");
+            let operator = bench.file("s.op", &script);
+            let [machine, operator] = [machine, operator].map(|path| path.display().to_string());
+            let arguments = ["--machine", &machine, "--source-faults", "lose@30", "--operator", &operator];
+            let run = Run::of(&bench, &program, &arguments);
+            let what = format!("{code} {y_mm}: {}", run.output.out);
+            assert_eq!((&run.report["outcome"], run.number("not_cut_mm")), (&"completed".into(), 0.0), "{what}");
+            let rejected = rejections(&run);
+            assert_eq!(rejected.len(), usize::from(toward == "part"), "{what}");
+            assert!(rejected.iter().all(|why| why.contains("side of the part")), "{what}");
+            let told = run.of_kind("shift").next().expect("a shift");
+            assert_eq!((&told["side"], told["toward"].as_str().unwrap_or("")), (&side.into(), toward), "{what}");
+        }
+    }
+}
+
 /// The torch is to pierce in its kerf, and does not start: another shift there moves the start.
 #[test]
 fn a_start_that_fails_beside_the_path_is_shifted_again() {

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use retrace_core::{Distance, Place, RecordIndex};
+use retrace_gcode::Side;
 use retrace_journal::RecordRanges;
 
 use crate::contour_list::RestoredContour;
@@ -36,6 +37,8 @@ pub(super) struct Contour {
     pub(super) not_cut_um: u64,
     /// Length that is cut, nm: a place that is cut twice counts once.
     cut_nm: u64,
+    /// Side of the contour on which the tool is, where cutter compensation was on in it.
+    pub(super) compensation: Option<Side>,
 }
 
 impl Contour {
@@ -79,6 +82,8 @@ pub(super) struct CutMap {
     begun: u32,
     /// Index of the contour that is being cut.
     current: Option<usize>,
+    /// Side of cutter compensation in force.
+    compensation: Option<Side>,
     /// Contours that were begun before the job was left.
     restored: Vec<RestoredContour>,
     /// Whether a cutter burnt in the last control period.
@@ -97,6 +102,7 @@ impl CutMap {
             last_number: 0,
             begun: 0,
             current: None,
+            compensation: None,
             restored: Vec::new(),
             burns: false,
         }
@@ -171,6 +177,14 @@ impl CutMap {
         sum_um
     }
 
+    /// Cutter compensation is on from here, on this side, or off.
+    pub(super) fn note_compensation(&mut self, side: Option<Side>) {
+        self.compensation = side;
+        if let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index)) {
+            contour.compensation = contour.compensation.or(side);
+        }
+    }
+
     /// The program has lit the cutter before the record at `pierce`.
     pub(super) fn begin_contour(&mut self, pierce: RecordIndex, line: u32, channel: u8) {
         self.current = self.contours.iter().rposition(|contour| contour.pierce == pierce);
@@ -184,7 +198,9 @@ impl CutMap {
             self.last_number += 1;
             self.begun += 1;
             let number = self.last_number;
-            self.contours.push(Contour { number, line, channel, pierce, end: None, not_cut_um: 0, cut_nm: 0 });
+            let compensation = self.compensation;
+            let contour = Contour { number, line, channel, pierce, end: None, not_cut_um: 0, cut_nm: 0, compensation };
+            self.contours.push(contour);
             self.current = Some(self.contours.len() - 1);
         }
     }

@@ -12,13 +12,14 @@
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::playback::partial_increment;
 use retrace_core::{Distance, Place, Rate, RateTarget, RecordIndex};
+use retrace_gcode::Side;
 use retrace_link::{HostCommand, MotionCard};
 
 use super::Session;
 use crate::approach::approach;
 use crate::event::EventKind;
 use crate::lead_arc::{LeadArc, PathMotion, PlaneLimits};
-use crate::operator::{CommandError, LeadShape, Shift};
+use crate::operator::{CommandError, LeadShape, Shift, StartSide};
 use crate::record_streamer::{LeadIn, LeadInEnd, LeadInMove};
 
 /// Share of an axis' maximum velocity at which it moves to the start: a record may be a pulse faster.
@@ -31,6 +32,8 @@ const MOTION_RECORDS: u32 = 8;
 const JOIN_RECORDS: u32 = 2 * MOTION_RECORDS;
 /// Least length of path in mm by which its direction is measured where it is slow.
 const DIRECTION_MM: f64 = 0.1;
+/// Least distance in mm from the path at which a start is on a side of it.
+const MIN_SIDE_MM: f64 = 0.05;
 /// Share of the feed from which on the path is joined in motion.
 const MOVING_SHARE: f64 = 0.5;
 /// Kerf in mm where no material states one.
@@ -43,6 +46,8 @@ const TOO_FAR: CommandError = CommandError::NotNow("farther than `shift_max_mm` 
 pub(super) const NOT_IN_CUT: CommandError = CommandError::NotNow(
     "no cut is interrupted here that could start beside the path: go back into it, then `cut`; `shift 0` starts on it",
 );
+const TOWARD_PART: CommandError =
+    CommandError::NotNow("this is on the side of the part, by G41 or G42: the same shift again confirms it");
 const MOVES: CommandError = CommandError::NotNow("the machine has to be at rest, held or retracing");
 
 /// The start of a cutter beside the path.
@@ -51,6 +56,8 @@ pub(super) struct Lead {
     /// Where the next start lies in X and Y, from its place on the path.
     pub(super) shift_mm: [f64; 2],
     shape: LeadShape,
+    /// A shift toward the part that was asked for: it is refused once. In force with a shift, it is confirmed.
+    toward_part: Option<[f64; 2]>,
     /// Both, as they were when the lead-in was planned.
     planned: ([f64; 2], LeadShape),
     /// Counts where the lead-in joins the path.
@@ -104,9 +111,36 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if shift_mm[0].hypot(shift_mm[1]) > self.recovery.shift_max_mm() {
             return Err(TOO_FAR);
         }
-        self.recovery.lead.shift_mm = shift_mm;
-        self.emit(EventKind::Shift(shift_mm));
+        let side = self.side_of_start(shift_mm);
+        let is_toward_part = side.is_some_and(|side| side.is_part == Some(true));
+        let lead = &mut self.recovery.lead;
+        if is_toward_part && lead.toward_part.is_none_or(|asked_mm| asked_mm != shift_mm && !lead.is_shifted()) {
+            lead.toward_part = Some(shift_mm);
+            return Err(TOWARD_PART);
+        }
+        lead.toward_part = Some(shift_mm).filter(|_| is_toward_part);
+        lead.shift_mm = shift_mm;
+        self.emit(EventKind::Shift(shift_mm, side));
         Ok(())
+    }
+
+    /// On which side of the path a start with this shift lies: of the end of the interrupted cut, or of where the
+    /// machine has gone back to.
+    fn side_of_start(&self, shift_mm: [f64; 2]) -> Option<StartSide> {
+        let axes = self.recovery.plane_axes()?;
+        let (here, end) = (self.card.status().place, self.recovery.cut_end());
+        let place = end.filter(|end| end.distance_to(here) >= Distance::ZERO).unwrap_or(here).record;
+        let [along_x, along_y] = self.path_direction(place, axes)?;
+        let left_mm = along_x * shift_mm[1] - along_y * shift_mm[0];
+        if left_mm.abs() < MIN_SIDE_MM {
+            return None;
+        }
+        let is_left = left_mm > 0.0;
+        let pierce = self.streamer.pierce_before(Place::start_of(place));
+        let contour = self.cut_map.contours().iter().rfind(|contour| Some(contour.pierce) == pierce);
+        // The tool is on the side of the scrap.
+        let scrap = contour.and_then(|contour| contour.compensation);
+        Some(StartSide { is_left, is_part: scrap.map(|scrap| (scrap == Side::Left) != is_left) })
     }
 
     /// The place where the path is joined by a lead-in from where the machine is, and its counts: the next record
@@ -245,6 +279,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Direction of the path behind a place where it is slow; to the right where it does not move.
     fn direction_behind(&self, place: RecordIndex, axes: [usize; 2]) -> [f64; 2] {
+        self.path_direction(place, axes).unwrap_or([1.0, 0.0])
+    }
+
+    /// Direction of the path behind a place; `None` where it does not move.
+    fn path_direction(&self, place: RecordIndex, axes: [usize; 2]) -> Option<[f64; 2]> {
         let mut mm = [0.0; 2];
         let mut length_mm = 0.0;
         for record in (0..FEED_RECORDS).map_while(|n| self.streamer.record(place + n)) {
@@ -256,7 +295,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 break;
             }
         }
-        if length_mm > 0.0 { mm.map(|mm| mm / length_mm) } else { [1.0, 0.0] }
+        (length_mm > 0.0).then(|| mm.map(|mm| mm / length_mm))
     }
 
     /// Maximum rate on a lead-in and at its join.
@@ -329,7 +368,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         }
         self.streamer.end_lead_in();
-        self.recovery.lead.shift_mm = [0.0; 2];
+        (self.recovery.lead.shift_mm, self.recovery.lead.toward_part) = ([0.0; 2], None);
         self.emit(EventKind::Joined);
     }
 }

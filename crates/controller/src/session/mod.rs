@@ -509,7 +509,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                     self.emit_at(line, EventKind::OutputChanged(action.channel, action.after));
                 }
                 PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),
-                PassedItem::Active(active) => self.telemetry.send(Telemetry::Active(active)),
+                PassedItem::Active(active) => {
+                    self.cut_map.note_compensation(active.compensation);
+                    self.telemetry.send(Telemetry::Active(active));
+                }
             }
         }
         self.watch_streamer(status, mode);

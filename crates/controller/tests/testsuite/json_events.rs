@@ -10,7 +10,7 @@ use json_page::JsonPage;
 use retrace_config::ChannelNames;
 use retrace_controller::{
     AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutputs, DncEvent, DncFlags, DncStep,
-    Event, EventKind, LeadShape, OperatorCommand, RestoredContour,
+    Event, EventKind, LeadShape, OperatorCommand, RestoredContour, StartSide,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
@@ -50,7 +50,8 @@ fn examples() -> Vec<EventKind> {
             [RestoredContour { number: 2, line: 7, cut_mm: 59.5, not_cut_mm: Some(0.5) }].into(),
         ),
         EventKind::Contour { number: 3, cut_mm: 59.5, not_cut_mm: 0.5 },
-        EventKind::Shift([1.5, -0.75]),
+        EventKind::Shift([1.5, -0.75], Some(StartSide { is_left: true, is_part: Some(false) })),
+        EventKind::Shift([1.5, -0.75], None),
         EventKind::Lead(LeadShape::Arc),
         EventKind::StartInKerf,
         EventKind::Joined,
@@ -88,7 +89,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
-            EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
+            EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
             EventKind::ToolLifted => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
