@@ -363,6 +363,50 @@ fn consumables_are_changed_at_the_park_position() {
     assert!(why.is_some_and(|why| why.contains("park_mm")));
 }
 
+/// A contour far behind is gone back to directly: up, across and down, where that is faster than along the path. The
+/// rest of it is cut, and what is cut behind it is passed with the torch off. A hold on the way stops the axes; `change
+/// done` continues.
+#[test]
+fn a_contour_far_behind_is_gone_back_to_directly() {
+    let zigzag: String =
+        (1..12).map(|n| format!("G1 Y{}\nG1 X{}\n", 3 * n, if n % 2 == 0 { 100 } else { 160 })).collect();
+    let program =
+        format!("G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\n{zigzag}M5\nG0 X0 Y0\nG4 P30\nM2\n");
+    let run = |script: &str, faults: &str| {
+        let bench = bench();
+        bench.file("part.ngc", &program);
+        bench.file("m.toml", format!("retract_mm = -10\n{}", machine(SENSE)));
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+        (Run::of(&bench, &bench.path("part.ngc"), &arguments), samples(&vcd))
+    };
+    let (whole, _) = run("", "");
+    let skip = "at 7s skip contour\nat 50s hold\nafter 0.5s back to contour 1\n";
+    for more in ["after 8s cut\n", "after 1.5s hold\nafter 1s change done\nafter 8s cut\n"] {
+        let script = format!("{skip}{more}");
+        let (run, trace) = run(&script, "lose@20");
+        let what = format!("{script}: {}", run.output.out);
+        assert_eq!(run.report["outcome"], "completed", "{what}");
+        assert_eq!((run.counts(), run.number("not_cut_mm")), (whole.counts(), 0.0), "{what}");
+        let time = |kind: &str| run.of_kind(kind).last().and_then(|event| event["time_s"].as_f64()).unwrap_or(0.0);
+        let (arrived_s, reached_s) = (time("arrived"), time("back_target_reached"));
+        assert!(arrived_s > 50.5 && arrived_s < 57.0 && (reached_s - arrived_s).abs() < 0.1, "{what}");
+        let way = trace.windows(2).filter(|pair| (50_500_000..(arrived_s * 1e6) as u64).contains(&pair[1].at_us));
+        let moves = way.filter(|pair| pair[0].counts[..2] != pair[1].counts[..2]);
+        assert!(moves.clone().count() > 0, "{what}");
+        for pair in moves {
+            assert!(tool(&pair[1]) >= -10 * 400 && !pair[1].is_on("spindle"), "{:?} {what}", pair[1]);
+        }
+        // The layer becomes part of the counts there: together they are continuous, at 60 mm/s at most.
+        for pair in trace.windows(2) {
+            let periods = ((pair[1].at_us - pair[0].at_us) / 1000).max(1) as i64;
+            assert!((tool(&pair[1]) - tool(&pair[0])).abs() <= 25 * periods, "{:?} {what}", pair[1]);
+        }
+        assert_eq!(trace.last().map(tool), Some(0), "{what}");
+    }
+}
+
 /// In the restart after a loss a hold ends the start; the next one begins it anew.
 #[test]
 fn a_hold_while_the_sheet_is_sensed_again_rests() {

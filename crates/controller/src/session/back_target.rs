@@ -41,6 +41,8 @@ pub(super) enum BackTargetKind {
 pub(super) struct BackTarget {
     kind: BackTargetKind,
     search: TargetSearch,
+    /// Whether it was decided on the way there.
+    is_surveyed: bool,
 }
 
 /// Progress of the search for the target.
@@ -98,7 +100,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
         self.mode_controller.apply(ModeCommand::Reverse(Rate::MAX))?;
         self.asked_boundary = None;
-        self.back_target = Some(BackTarget { kind: wanted, search });
+        self.back_target = Some(BackTarget { kind: wanted, search, is_surveyed: false });
         Ok(())
     }
 
@@ -155,6 +157,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             back.search = self.continue_search(back.kind, from, left_mm, line);
         }
         self.back_target = Some(back);
+        if let (TargetSearch::Found(target), false) = (back.search, back.is_surveyed) {
+            self.back_target = Some(BackTarget { is_surveyed: true, ..back });
+            if matches!(back.kind, BackTargetKind::Contour(_) | BackTargetKind::CutEnd(_)) {
+                self.begin_survey(target);
+            }
+        }
     }
 
     fn continue_search(&self, wanted: BackTargetKind, from: RecordIndex, left_mm: f64, line: u32) -> TargetSearch {

@@ -12,6 +12,7 @@ mod cut_end;
 mod cut_map;
 mod cut_mapping;
 mod cutter_watch;
+mod direct_way;
 mod dnc_pause;
 mod job_phase;
 mod kerf_search;
@@ -52,6 +53,7 @@ use crate::telemetry::{Telemetry, TelemetrySender};
 use back_target::BackTarget;
 use contour_pass::ContourPass;
 use cut_map::CutMap;
+use direct_way::WaySurvey;
 use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
 use pause_state::DncPause;
@@ -122,6 +124,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     tool_length: ToolLengthEntry,
     /// Target of a reverse run, if it has one.
     back_target: Option<BackTarget>,
+    /// The way back to that target, while it is measured.
+    way_survey: Option<WaySurvey<A>>,
     /// Recovery of an interrupted cut.
     recovery: CutRecovery,
     /// What was cut of the contours.
@@ -188,6 +192,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
+            way_survey: None,
             recovery: CutRecovery::new(machine),
             cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
             cutter_inactive: vec![false; machine.cutting_outputs.len()],
@@ -303,6 +308,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.poll_planner();
         self.apply_commands();
         self.advance_tool_lift();
+        self.advance_survey()?;
+        if self.dnc.is_off_path() {
+            return self.run_paused_period();
+        }
         self.advance_recovery()?;
         self.advance_lead_in();
         self.advance_restart();
@@ -405,6 +414,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || stops
             || leaves_run
             || self.due_lift().is_some()
+            || self.way_survey.is_some()
             || self.back_target.as_ref().is_some_and(BackTarget::is_searching)
         {
             demand.target = RateTarget::ZERO;

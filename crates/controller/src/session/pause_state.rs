@@ -108,6 +108,11 @@ impl<'r, const A: usize> DncPause<'r, A> {
         self.pausing || self.interruption.is_paused()
     }
 
+    /// Whether manual moves can be planned.
+    pub(super) fn has_jog_planner(&self) -> bool {
+        self.jog_planner.is_some()
+    }
+
     /// Whether the program is paused.
     pub(super) fn is_paused(&self) -> bool {
         self.interruption.is_paused()
