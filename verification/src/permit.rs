@@ -26,10 +26,10 @@ fn any_conditions(c: &mut impl Choice) -> PermitConditions {
         _ => None,
     };
     let (backward, moving, awaits_motion) = (c.flag(), c.flag(), c.flag());
-    let (keeps_cutter, is_pulse) = (c.flag(), c.flag());
+    let (keeps_cutter, is_unwatched) = (c.flag(), c.flag());
     let inputs = c.below(64) as u16;
     let place = Place { record: RecordIndex::new(c.word()), fraction: 0 };
-    PermitConditions { denied, backward, moving, awaits_motion, keeps_cutter, is_pulse, inputs, place }
+    PermitConditions { denied, backward, moving, awaits_motion, keeps_cutter, is_unwatched, inputs, place }
 }
 
 fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
@@ -72,7 +72,7 @@ fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTi
 /// Whether a cutter that was proven is lost in this period.
 fn is_lost(of: &CuttingChannel, timer: PermitTimer, now: &PermitConditions) -> bool {
     let (Some(proof), ProofState::Proven { inactive }) = (of.proof, timer.proof) else { return false };
-    !now.is_pulse && now.inputs & 1 << proof.input == 0 && u32::from(inactive) + 1 >= u32::from(proof.lost_periods)
+    !now.is_unwatched && now.inputs & 1 << proof.input == 0 && u32::from(inactive) + 1 >= u32::from(proof.lost_periods)
 }
 
 /// One channel, from any state: it is passed exactly where the requirements permit it, and its timer stays within its

@@ -10,7 +10,8 @@
 //! two repeated instructions, the first `handover_periods` are not counted.
 //!
 //! A channel may have an input that proves that the cutter burns or flows. Once it was active for `proven_periods` the
-//! cutter is watched: it is lost when the input was inactive for `lost_periods`, at the place where that began.
+//! cutter is watched: it is lost when the input was inactive for `lost_periods`, at the place where that began. While
+//! [`channel::UNWATCHED`] is on, or in a test pulse, the input is ignored, and nothing is lost (CUT-33).
 //!
 //! Invariant: after [`CutterPermit::apply_period`] a channel of the settings is 0, or its permit holds; a channel that
 //! is on has been at rest for at most its grace time.
@@ -18,7 +19,7 @@
 use retrace_core::{Place, RecordIndex};
 use retrace_link::{
     BeamPower, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, OutputChange,
-    ProofInput,
+    ProofInput, channel,
 };
 
 /// Value of a counter of periods that does not count.
@@ -39,8 +40,8 @@ pub struct PermitConditions {
     pub awaits_motion: bool,
     /// Whether an instruction was executed during which time at rest is not counted.
     pub keeps_cutter: bool,
-    /// Whether that instruction is a test pulse: a loss is not watched.
-    pub is_pulse: bool,
+    /// Whether a loss is not watched: the program says so, or that instruction is a test pulse.
+    pub is_unwatched: bool,
     /// Active inputs, one bit each.
     pub inputs: u16,
     /// Place of the cursor at the beginning of the period.
@@ -165,8 +166,11 @@ impl CutterPermit {
         &self.timers
     }
 
-    /// Switches off every channel that fires, with this cause; the cursor is at `place`.
+    /// Switches off every channel that fires, with this cause; the cursor is at `place`. A loss is watched again.
     pub fn switch_off(&mut self, outputs: &mut [i32], cause: CutterOffCause, place: Place) {
+        if let Some(unwatched) = outputs.get_mut(usize::from(channel::UNWATCHED)) {
+            *unwatched = 0;
+        }
         let everything = PermitConditions { denied: Some(cause), place, ..PermitConditions::default() };
         let off = self.apply_conditions(outputs, &everything).off;
         self.pending = self.pending.or(off);
@@ -356,7 +360,7 @@ pub const fn check_channel(
     if now.backward && !of.lit_in_reverse {
         return Err(CutterOffCause::Reverse);
     }
-    let proof = if now.is_pulse { Some(timer.proof) } else { timer.proof.after_period(of.proof, now.inputs) };
+    let proof = if now.is_unwatched { Some(timer.proof) } else { timer.proof.after_period(of.proof, now.inputs) };
     let Some(proof) = proof else { return Err(CutterOffCause::Lost) };
     if now.moving || now.keeps_cutter {
         return Ok(PermitTimer { handover: 0, standing: 0, proof });

@@ -24,6 +24,7 @@ pub fn channel_name(channel: u8) -> String {
         c::MIST => "mist".into(),
         c::FLOOD => "flood".into(),
         c::TOOL => "tool".into(),
+        c::UNWATCHED => "loss ignored".into(),
         digital => format!("output {digital}"),
     }
 }

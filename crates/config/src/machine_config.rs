@@ -247,9 +247,14 @@ impl MachineConfig {
 
     /// What switching an output takes after its own code, where that starts or ends a cut (CUT-13): a duration in
     /// control periods, and the input to wait for. `pierce_s`: the pierce delay in s of the material; `None` for that
-    /// of the machine file.
+    /// of the machine file. `is_unwatched`: the program ignores the input of `ok`, and a start waits for it no more.
     #[must_use]
-    pub fn cutter_switching(&self, change: OutputChange, pierce_s: Option<f64>) -> (u32, Option<InputWait>) {
+    pub fn cutter_switching(
+        &self,
+        change: OutputChange,
+        pierce_s: Option<f64>,
+        is_unwatched: bool,
+    ) -> (u32, Option<InputWait>) {
         let Some(cutter) = self.cutter_of(change.channel).filter(|cutter| cutter.kind.cuts_at_rest()) else {
             return (0, None);
         };
@@ -259,7 +264,7 @@ impl MachineConfig {
             (true, 1..) if self.dry_waits => ((pierce_s * 1e6 / f64::from(self.period_us)).round() as u32, None),
             (true, _) => (0, None),
             (false, 0) => (0, cutter.end_of_cut(self.period_us)),
-            (false, _) => cutter.start_of_cut(pierce_s, self.period_us),
+            (false, _) => cutter.start_of_cut(pierce_s, self.period_us, is_unwatched),
         }
     }
 

@@ -228,6 +228,11 @@ pub enum EventKind {
     CutContinued,
     /// A job is resumed: the contours that were begun before it was left, in the order of the path.
     ContoursRestored(Arc<[RestoredContour]>),
+    /// The loss of the cutter is watched from here on, or not watched: the program says so.
+    LossWatch {
+        /// Whether it is watched.
+        is_watched: bool,
+    },
     /// A contour has ended.
     Contour {
         /// Its number in the program, from 1.
@@ -347,6 +352,7 @@ impl Event {
                 "cut_fraction": place.fraction, "cut_line": line, "may_be_longer": may_be_longer,
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
+            EventKind::LossWatch { is_watched } => json!({"event": "loss_watch", "watched": is_watched}),
             EventKind::CutContinued => json!({"event": "cut_continued"}),
             EventKind::ContoursRestored(contours) => {
                 let each = contours.iter().map(|&RestoredContour { number, line, cut_mm, not_cut_mm }| {
@@ -468,6 +474,8 @@ impl Event {
             EventKind::CutEnd { channel, line, .. } => {
                 format!("{}: the cut ends in line {line}", channel_name(*channel))
             }
+            EventKind::LossWatch { is_watched: true } => "the loss of the cutter is watched again".into(),
+            EventKind::LossWatch { is_watched: false } => "the loss of the cutter is NOT watched (M62 P1)".into(),
             EventKind::NotCut(mm) => {
                 format!(
                     "{mm:.2} mm behind the end of the cut are not cut; `back to pierce`, `cut` cuts the contour again"

@@ -33,7 +33,6 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
         tools,
         float_travel_mm: cutter.sense.float_travel_mm,
         ignores_z: cutter.z_words == ZWords::Ignored,
-        watches_arc: machine.cutters.iter().any(|cutter| cutter.proof.is_some()),
     }))
 }
 

@@ -164,6 +164,7 @@ impl<const A: usize> Report<'_, A> {
             "contours": t.contours,
             "contours_not_cut": t.contours_not_cut,
             "not_cut_mm": t.not_cut_um as f64 / 1000.0,
+            "not_watched_mm": (t.not_watched_nm as f64 / 1000.0).round() / 1000.0,
         })
     }
 

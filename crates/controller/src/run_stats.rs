@@ -40,6 +40,8 @@ pub struct RunStats {
     pub contours_not_cut: u32,
     /// Length of the contours that is not cut, µm.
     pub not_cut_um: u64,
+    /// Length that was cut while the loss of the cutter was not watched, nm.
+    pub not_watched_nm: u64,
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,
     /// Fewest records that the card held ahead of the cursor, at rate 1 and with more to come. None where that never

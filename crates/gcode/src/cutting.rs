@@ -59,8 +59,6 @@ pub struct CuttingSetup {
     pub float_travel_mm: f64,
     /// Whether Z words of straight moves and arcs have no effect (CUT-16).
     pub ignores_z: bool,
-    /// Whether an input proves that a cutter burns or flows, so that its loss is noticed.
-    pub watches_arc: bool,
 }
 
 impl CuttingSetup {
@@ -80,7 +78,7 @@ impl CuttingSetup {
 /// A function of the cut cycle that a program allows or forbids with M62 to M65.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CuttingSwitch {
-    /// The input that proves the arc is not looked at (M62 P1, M64 P1).
+    /// The input that proves the cutter is ignored (M62 P1, M64 P1).
     IgnoreArcOk,
     /// Height control may act (M63 P2, M65 P2).
     HeightControl,
@@ -139,8 +137,8 @@ pub struct CuttingState {
     pub(crate) keeps_z: bool,
     /// Whether M159 has been reported.
     pub(crate) has_pierce_values: bool,
-    /// Whether an ignored input has been reported.
-    pub(crate) has_ignored_arc: bool,
+    /// Whether the input that proves the cutter is ignored.
+    pub(crate) is_arc_ignored: bool,
     /// The arcs that may be parts of a hole.
     pub(crate) open_circle: Option<OpenCircle>,
     /// End of the path in program coordinates, where it is known, and the feed rate in force.
@@ -187,7 +185,7 @@ impl Default for CuttingState {
             cuts_tube: false,
             keeps_z: false,
             has_pierce_values: false,
-            has_ignored_arc: false,
+            is_arc_ignored: false,
             open_circle: None,
             path_end: None,
             rate: 0.0,

@@ -75,6 +75,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
                 channel::MIST => vcd.signal("outputs", "mist", 1)?,
                 channel::FLOOD => vcd.signal("outputs", "flood", 1)?,
                 channel::TOOL => vcd.signal("outputs", "tool", 32)?,
+                channel::UNWATCHED => vcd.signal("outputs", "unwatched", 1)?,
                 digital => vcd.signal("outputs", &format!("out{digital}"), 1)?,
             });
         }

@@ -17,8 +17,10 @@ pub mod channel {
     pub const FLOOD: u8 = 67;
     /// Number of the tool in the spindle (M6).
     pub const TOOL: u8 = 68;
+    /// Whether the loss of a cutter is not watched: 0 or 1 (M62 P1). 0 when an epoch begins.
+    pub const UNWATCHED: u8 = 69;
     /// Number of channels.
-    pub const COUNT: usize = 69;
+    pub const COUNT: usize = 70;
 }
 
 /// The values of all output channels.

@@ -16,6 +16,7 @@ mod error_catalogue;
 mod feed_override;
 mod hand;
 mod heights;
+mod ignored_ok;
 mod jets;
 mod jumps;
 #[cfg(unix)]

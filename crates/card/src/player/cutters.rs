@@ -54,7 +54,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             moving: !status.at_rest,
             awaits_motion: self.awaits_motion(),
             keeps_cutter: self.switching.keeps_cutter(),
-            is_pulse: false,
+            is_unwatched: false,
             inputs: status.inputs,
             place: status.place,
         };

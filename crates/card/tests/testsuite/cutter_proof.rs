@@ -393,3 +393,43 @@ fn the_start_of_a_jet_that_is_switched_off_is_cancelled() {
         assert!(!bench.is_on() && status.place == Place::start_of(place) && status.repeated == 0);
     }
 }
+
+proptest! {
+    /// While the program ignores the input, nothing is lost, whatever the input does; watched again, the torch is lost
+    /// where the input is inactive for the time of a loss (CUT-33).
+    #[test]
+    fn an_ignored_input_loses_nothing_and_is_watched_again(arcs in prop::collection::vec(any::<bool>(), 1..60)) {
+        let mut bench = Bench::cutting(SOURCE);
+        bench.send(HostCommand::ManualOutput(OutputChange { channel: channel::UNWATCHED, value: 1 }));
+        for arc in arcs {
+            bench.arc = arc;
+            bench.period();
+            prop_assert!(bench.is_on());
+        }
+        bench.send(HostCommand::ManualOutput(OutputChange { channel: channel::UNWATCHED, value: 0 }));
+        bench.arc = false;
+        for _ in 1..SOURCE.lost_periods {
+            bench.period();
+            prop_assert!(bench.is_on());
+        }
+        let status = bench.period();
+        prop_assert!(!bench.is_on());
+        prop_assert_eq!(status.cutter_off.map(|off| off.cause), Some(CutterOffCause::Lost));
+    }
+}
+
+/// The beginning and the end of an epoch, and a fault: the loss is watched again before a cutter can be on (CUT-33).
+#[test]
+fn an_epoch_begins_with_the_loss_watched() {
+    let mut bench = Bench::cutting(SOURCE);
+    bench.send(HostCommand::ManualOutput(OutputChange { channel: channel::UNWATCHED, value: 1 }));
+    bench.period();
+    bench.send(HostCommand::rate(Rate::ZERO));
+    while !bench.status().at_rest || bench.is_on() {
+        bench.period();
+    }
+    assert_eq!(bench.status().outputs[usize::from(channel::UNWATCHED)], 1, "a hold changes nothing");
+    bench.card.open(&torch_settings(2, SOURCE)).expect("fits");
+    bench.period();
+    assert_eq!(bench.status().outputs[usize::from(channel::UNWATCHED)], 0);
+}

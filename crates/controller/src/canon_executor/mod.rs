@@ -90,6 +90,8 @@ pub(crate) struct CanonExecutor<'m> {
     selected_tool: u32,
     /// Whether M62 P3 has forbidden the cutters.
     is_cutter_forbidden: bool,
+    /// Whether the program ignores the input that proves a cutter (M62 P1).
+    is_proof_ignored: bool,
     /// The material; `None` without a material table.
     material: Option<Arc<Material>>,
     cutters: CutterTrack,
@@ -122,6 +124,7 @@ impl<'m> CanonExecutor<'m> {
             to_machine_coordinates: false,
             selected_tool: 0,
             is_cutter_forbidden: false,
+            is_proof_ignored: false,
             material: None,
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,

@@ -29,6 +29,7 @@ impl<'m> CanonExecutor<'m> {
                 self.allow_cutter(*allowed, line, sink);
                 Ok(())
             }
+            Canon::SetCutting(CuttingSwitch::IgnoreArcOk, ignored) => self.ignore_proof(*ignored, line, sink),
             Canon::SelectMaterial(material) => {
                 self.material = Some(Arc::clone(material));
                 Ok(())
@@ -127,7 +128,10 @@ impl<'m> CanonExecutor<'m> {
             | Canon::LogOpen { .. }
             | Canon::Log(_)
             | Canon::LogClose => Ok(()),
-            Canon::ProgramEnd => self.return_layer(line, sink),
+            Canon::ProgramEnd => {
+                self.ignore_proof(false, line, sink)?;
+                self.return_layer(line, sink)
+            }
             // `run` handles these; the compiler demands a rule here for a new canonical function
             Canon::StraightTraverse(_)
             | Canon::StraightFeed(_)
@@ -294,6 +298,28 @@ impl<'m> CanonExecutor<'m> {
         }
     }
 
+    /// M62 P1 to M65 P1 with a material table: the input of `ok` is ignored from here on. With a cutter on, that begins
+    /// and ends in passing.
+    fn ignore_proof<const A: usize>(
+        &mut self,
+        ignored: bool,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let has_proof = self.machine.cutters.iter().any(|cutter| cutter.proof.is_some());
+        if !has_proof || std::mem::replace(&mut self.is_proof_ignored, ignored) == ignored {
+            return Ok(());
+        }
+        let change = OutputChange { channel: channel::UNWATCHED, value: i32::from(ignored) };
+        if self.cutters.is_any_lit() {
+            sink.action(change, line);
+            return Ok(());
+        }
+        let code = if ignored { "M64" } else { "M65" };
+        let switching = CodeSwitching { in_reverse: InReverse::Undone, ..CodeSwitching::AT_REST };
+        self.exclusive((code, line), &[change], switching, None, sink)
+    }
+
     /// M6. Where the operator changes the tool, its number is shown where the motion stops.
     fn change_tool<const A: usize>(
         &mut self,
@@ -371,7 +397,7 @@ impl<'m> CanonExecutor<'m> {
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         let pierce_s = self.material.as_ref().map(|material| material.pierce_delay_s);
-        let (periods, until) = self.machine.cutter_switching(change, pierce_s);
+        let (periods, until) = self.machine.cutter_switching(change, pierce_s, self.is_proof_ignored);
         if switching.class == CodeClass::Synchronous
             && change.value != 0
             && (periods > 0 || until.is_some())

@@ -10,6 +10,7 @@ use retrace_link::{CardStatus, LayerMove, MotionCard};
 use super::Session;
 use super::cut_end::{CutEnd, UNNOTICED_RECORDS};
 use super::cut_mapping::measure_um;
+use super::cutter_watch::is_unwatched;
 use crate::event::{CutterOffReason, EventKind};
 
 /// A cutter that started in motion and is not proven yet (CUT-38).
@@ -89,6 +90,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if latch.cut_end.latest.distance_to(status.place) <= Distance::ZERO {
             return;
         }
+        if is_unwatched(status) {
+            let end = latch.cut_end;
+            self.recovery.latch = None;
+            self.end_interruption(end, end.latest);
+            return;
+        }
         let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
         latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
         if latch.remaining_mm < 0.0 {
@@ -99,6 +106,27 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             self.switch_cutters_off(CutterOffReason::NotLatched);
             let _ = self.mode_controller.apply(ModeCommand::Hold);
+        }
+    }
+
+    /// The program watches the cutter again. Where it is not proven the cut ends here, and it must be proven within the
+    /// length of a start in motion (CUT-33).
+    pub(super) fn latch_unproven(&mut self, status: &CardStatus<A>) {
+        let is_lit = |channel: u8| status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
+        let lit = self.config.fire_channels.iter().copied().find(|&channel| is_lit(channel));
+        let cutter = lit.and_then(|channel| Some((channel, self.recovery.cutter(channel)?)));
+        if let Some((channel, cutter)) = cutter
+            && let Some(proof) = cutter.proof
+            && self.recovery.latch.is_none()
+            && self.mode_controller.mode() == Mode::Run
+            && status.inputs >> (proof.input & 15) & 1 == 0
+        {
+            let cut_end = CutEnd { place: status.place, latest: status.place, channel, may_be_longer: false };
+            let proven_periods = proof.settings(self.recovery.machine().period_us).proven_periods;
+            let remaining_mm = cutter.restart.latch_mm;
+            self.set_cut_end(status.place, channel);
+            self.recovery.latch =
+                Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
         }
     }
 

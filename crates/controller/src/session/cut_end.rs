@@ -59,7 +59,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.mode_controller.mode() == Mode::Run || self.leaving_run != LeavingRun::No
     }
 
-    fn set_cut_end(&mut self, place: Place, channel: u8) {
+    pub(super) fn set_cut_end(&mut self, place: Place, channel: u8) {
         self.stats.cut_interruptions += 1;
         self.begin_rest_of_cut(place, channel);
     }

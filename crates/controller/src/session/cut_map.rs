@@ -123,11 +123,10 @@ impl CutMap {
     }
 
     /// Records a control period in which the cutter burnt, from this place to that; `length_mm` is the length of the
-    /// motion.
-    pub(super) fn record_cut(&mut self, from: Place, to: Place, length_mm: f64) {
-        if !self.is_cut_before(to)
-            && let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index))
-        {
+    /// motion. Returns whether it was not cut before.
+    pub(super) fn record_cut(&mut self, from: Place, to: Place, length_mm: f64) -> bool {
+        let is_new = !self.is_cut_before(to);
+        if is_new && let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index)) {
             contour.cut_nm += (length_mm * 1e6).round() as u64;
         }
         self.burns = true;
@@ -144,6 +143,7 @@ impl CutMap {
                 self.stretch = Some([from, to]);
             }
         }
+        is_new
     }
 
     /// Stores the whole records of the last stretch. The stretch may go on afterwards.

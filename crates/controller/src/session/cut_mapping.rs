@@ -12,6 +12,7 @@ use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs};
 
 use super::Session;
 use super::cut_map::{Contour, CutMap};
+use super::cutter_watch::is_unwatched;
 use super::session_config::SessionConfig;
 use crate::event::EventKind;
 use crate::operator::CommandError;
@@ -38,14 +39,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let burns = |&channel: &u8| {
             let is_on = |outputs: &Outputs| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
-            let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
-            let is_proven = proof.is_none_or(|proof| status.inputs >> (proof.input & 15) & 1 == 1);
-            is_on(&self.outputs) && is_on(&status.outputs) && is_proven
+            is_on(&self.outputs) && is_on(&status.outputs) && self.is_proven(channel, status)
         };
         if self.config.fire_channels.iter().any(burns) {
             let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
             let length_mm = axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
-            self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place, length_mm);
+            let is_new = self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place, length_mm);
+            if is_new && is_unwatched(status) {
+                self.stats.not_watched_nm += (length_mm * 1e6).round() as u64;
+            }
         }
     }
 

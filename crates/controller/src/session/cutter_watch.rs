@@ -3,7 +3,7 @@
 //! Invariant: a state is what the card reports in that control period; a change is reported once.
 
 use retrace_core::Rate;
-use retrace_link::{CardStatus, LayerMove, MotionCard};
+use retrace_link::{CardStatus, LayerMove, MotionCard, channel};
 
 use super::Session;
 use crate::cutter_state::CutterState;
@@ -30,10 +30,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let channel = self.config.fire_channels[at];
         self.stats.lit += u64::from(status.outputs[usize::from(channel)] != 0);
         let Some(proof) = self.recovery.cutter(channel).and_then(|cutter| cutter.proof) else { return };
-        let cuts = matches!(state, CutterState::Cutting | CutterState::Ending);
+        let cuts = matches!(state, CutterState::Cutting | CutterState::Ending) && !is_unwatched(status);
         let is_active = status.inputs >> (proof.input & 15) & 1 == 1;
         let was_inactive = std::mem::replace(&mut self.cutter_inactive[at], cuts && !is_active);
         self.stats.cutter_flickers += u64::from(was_inactive && cuts && is_active);
+    }
+
+    /// Whether the input of this cutter counts as active: it is, there is none, or the program ignores it (CUT-33).
+    pub(super) fn is_proven(&self, channel: u8, status: &CardStatus<A>) -> bool {
+        let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
+        is_unwatched(status) || proof.is_none_or(|proof| status.inputs >> (proof.input & 15) & 1 == 1)
     }
 
     fn cutter_state(&self, (channel, before): (u8, CutterState), status: &CardStatus<A>) -> CutterState {
@@ -41,8 +47,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return CutterState::Dry;
         }
         let is_on = status.outputs[usize::from(channel)] != 0;
-        let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
-        let is_unproven = proof.is_some_and(|proof| status.inputs >> (proof.input & 15) & 1 == 0);
+        let is_unproven = !self.is_proven(channel, status);
         let is_starting = self.is_starting(channel);
         match is_on {
             true if self.is_test_pulse(channel) => CutterState::Test,
@@ -75,4 +80,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             is_pause || changes.iter().any(|change| change.channel == channel && change.value == 0)
         })
     }
+}
+
+/// Whether the program ignores the input that proves a cutter, in this control period (CUT-33).
+pub(super) fn is_unwatched<const A: usize>(status: &CardStatus<A>) -> bool {
+    status.outputs[usize::from(channel::UNWATCHED)] != 0
 }

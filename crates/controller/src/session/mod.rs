@@ -516,7 +516,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                         line,
                         &[OutputChange { channel: action.channel, value: action.after }],
                     );
-                    self.emit_at(line, EventKind::OutputChanged(action.channel, action.after));
+                    self.emit_action(line, action.channel, action.after);
                 }
                 PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),
                 PassedItem::Active(active) => {

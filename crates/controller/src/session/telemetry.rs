@@ -36,13 +36,28 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Reports outputs that were switched because the path is retraced and outputs are replayed.
     pub(super) fn watch_replayed_outputs(&mut self, status: &CardStatus<A>) {
         let before = std::mem::replace(&mut self.outputs, status.outputs);
+        let unwatched = usize::from(channel::UNWATCHED);
+        if before[unwatched] != status.outputs[unwatched] {
+            let is_watched = status.outputs[unwatched] == 0;
+            self.emit(EventKind::LossWatch { is_watched });
+            if is_watched {
+                self.latch_unproven(status);
+            }
+        }
         if !self.config.replays_outputs || self.mode_controller.mode() == Mode::Run || status.rate == Rate::ZERO {
             return;
         }
         for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {
-            if !self.config.fire_channels.contains(&(at as u8)) {
+            if !self.config.fire_channels.contains(&(at as u8)) && at != unwatched {
                 self.emit(EventKind::RetraceSwitched(at as u8, status.outputs[at]));
             }
+        }
+    }
+
+    /// Reports an action that was passed. That of the loss watch has an event of its own.
+    pub(super) fn emit_action(&mut self, line: u32, number: u8, value: i32) {
+        if number != channel::UNWATCHED {
+            self.emit_at(line, EventKind::OutputChanged(number, value));
         }
     }
 

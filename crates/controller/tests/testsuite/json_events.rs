@@ -63,6 +63,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::Switching("M3"),
         EventKind::Switched("M3"),
         EventKind::OutputChanged(3, 1),
+        EventKind::LossWatch { is_watched: false },
         EventKind::ProgramStop("M0"),
         EventKind::ToolChange(7),
         EventKind::SingleBlock,
@@ -91,6 +92,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
             EventKind::ToolLifted => {}
+            EventKind::LossWatch { .. } => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }

@@ -252,6 +252,9 @@ impl Core {
         if std::mem::take(&mut state.is_forbidden) | std::mem::take(&mut state.is_off_in_passing) {
             emit.call(Canon::SetCutting(CuttingSwitch::Cutter, true));
         }
+        if std::mem::take(&mut state.is_arc_ignored) {
+            emit.call(Canon::SetCutting(CuttingSwitch::IgnoreArcOk, false));
+        }
         (state.lit, state.velocity_percent) = (0, 100.0);
     }
 
@@ -273,20 +276,11 @@ impl Core {
             state.is_forbidden = is_set;
             state.is_off_in_passing = is_set && is_cutting;
         }
-        if switch == CuttingSwitch::IgnoreArcOk && on {
-            self.warn_of_watched_arc(words, emit);
+        if switch == CuttingSwitch::IgnoreArcOk {
+            self.state.cutting.is_arc_ignored = on;
         }
         emit.call(Canon::SetCutting(switch, on));
         true
-    }
-
-    /// Warns once of M62 P1 and M64 P1 on a machine whose arc is watched: the loss of the arc still ends the cut.
-    fn warn_of_watched_arc(&mut self, words: &Words, emit: &mut Emitter<'_>) {
-        let is_watched = self.cutting.as_ref().is_some_and(|setup| setup.watches_arc);
-        if is_watched && !std::mem::replace(&mut self.state.cutting.has_ignored_arc, true) {
-            let message = "P1 has no effect: a cutter with `ok` is watched all the time";
-            emit.warn(ErrorCode::NoEffectYet, words.span(b'p'), message.into());
-        }
     }
 
     /// Whether this M66 waits for the change of the material, which is done.

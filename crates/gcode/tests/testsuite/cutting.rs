@@ -30,7 +30,6 @@ pub(crate) fn setup() -> Setup {
             tools: tools.into(),
             float_travel_mm: 1.27,
             ignores_z: true,
-            watches_arc: false,
         })),
         ..Setup::default()
     }
@@ -194,18 +193,13 @@ fn outputs_1_to_3_are_those_of_qtplasmac_and_the_others_stay() {
     assert!(has(&steps("M64 P3"), &Canon::SetCutting(Cutter, true)));
 }
 
-/// The arc of a cutter with `ok` is watched whatever the program says, so the program must not believe the opposite.
 #[test]
-fn an_input_that_cannot_be_ignored_is_a_warning() {
-    let watched = || {
-        let setup = setup();
-        let cutting =
-            CuttingSetup { watches_arc: true, ..(**setup.cutting.as_ref().expect("it has materials")).clone() };
-        Setup { cutting: Some(Arc::new(cutting)), ..setup }
-    };
-    let (_, found) = run_with("M65 P1\nM62 P1\nM63 P1\nM64 P1\nM62 P2\nM65 P2", watched());
-    let told: Vec<_> = found.iter().map(|one| (one.code.number(), one.line)).collect();
-    assert_eq!(told, [("W1011", 2)], "once, and not for height control, which is off");
+fn what_a_program_ignores_is_watched_at_its_end() {
+    let (all, found) = run("M62 P1\nM2");
+    assert!(found.is_empty(), "{found:?}");
+    assert!(has(&all, &Canon::SetCutting(CuttingSwitch::IgnoreArcOk, true)));
+    assert!(has(&all, &Canon::SetCutting(CuttingSwitch::IgnoreArcOk, false)));
+    assert!(!has(&steps("M62 P1\nM63 P1"), &Canon::SetAuxOutputBit(1)));
 }
 
 #[test]
