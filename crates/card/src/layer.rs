@@ -41,18 +41,38 @@ enum LayerTask {
     Stop,
     /// It goes to a target.
     Move { target: i32 },
+    /// It goes to a target over the sheet that an earlier start has found.
+    Return { target: i32 },
     /// It goes to where the sheet is sensed from.
-    Approach { start: i32, lowest: i32, height: i32 },
+    Approach,
     /// It goes toward the sheet.
-    Down { start: i32, lowest: i32, height: i32 },
+    Down,
     /// It has touched the sheet, and comes to rest.
-    Overrun { start: i32, height: i32 },
+    Overrun,
     /// It has found no sheet, and goes back to where it was sensed from.
-    Retreat { start: i32 },
+    Retreat,
     /// It goes off the sheet until the contact opens.
-    Up { start: i32, height: i32 },
+    Up,
+    /// No ohmic contact has closed: it goes back, and senses again.
+    Again,
     /// The sheet was not found: it comes to rest.
     Failing(SheetFault),
+}
+
+/// The search for the sheet that was begun last.
+#[derive(Clone, Copy, Debug, Default)]
+struct SheetSearch {
+    /// Layers between which the sheet is sensed.
+    start: i32,
+    lowest: i32,
+    /// Height over the sheet to go to.
+    height: i32,
+    /// Attempts in which no ohmic contact has closed.
+    failed: u8,
+    /// Whether an ohmic contact has found the sheet.
+    is_ohmic: bool,
+    /// Whether the sheet that it finds counts for later starts.
+    is_kept: bool,
 }
 
 /// Drive of the layer.
@@ -63,6 +83,7 @@ pub struct LayerDrive {
     limits: [i64; 2],
     average: u8,
     task: LayerTask,
+    search: SheetSearch,
     /// Target of the ramp in units of 2⁻³² pulses, and the speed before the average.
     position: i64,
     speed: i64,
@@ -77,6 +98,8 @@ pub struct LayerDrive {
     layer: i32,
     increment: i32,
     sheet: Option<i32>,
+    /// Whether the sheet counts for later starts: nothing has happened since it was found.
+    is_sheet_kept: bool,
     is_held: bool,
 }
 
@@ -89,6 +112,7 @@ impl LayerDrive {
             limits: [0; 2],
             average: 1,
             task: LayerTask::Stop,
+            search: SheetSearch { start: 0, lowest: 0, height: 0, failed: 0, is_ohmic: false, is_kept: false },
             position: 0,
             speed: 0,
             speeds: [0; MAX_AVERAGE],
@@ -99,6 +123,7 @@ impl LayerDrive {
             layer: 0,
             increment: 0,
             sheet: None,
+            is_sheet_kept: false,
             is_held: false,
         }
     }
@@ -137,7 +162,7 @@ impl LayerDrive {
     /// Whether this input is a contact of the sheet.
     #[must_use]
     pub fn is_contact(&self, input: u8) -> bool {
-        self.settings.is_some_and(|settings| settings.contacts >> (input & 15) & 1 == 1)
+        self.settings.is_some_and(|settings| (settings.contacts | settings.ohmic) >> (input & 15) & 1 == 1)
     }
 
     /// Returns the layer in pulses.
@@ -160,10 +185,22 @@ impl LayerDrive {
 
     /// Begins the moves before the switching. Returns whether there are any.
     pub fn begin_before(&mut self, moves: Option<LayerMove>) -> bool {
-        let Some(LayerMove::Start { start, lowest, pierce, .. }) = moves else { return false };
-        self.sheet = None;
-        self.task = LayerTask::Approach { start, lowest, height: pierce };
+        let Some(LayerMove::Start { start, lowest, pierce, may_skip, .. }) = moves else { return false };
+        match self.sheet.filter(|_| may_skip && self.is_sheet_kept) {
+            Some(sheet) => self.task = LayerTask::Return { target: sheet.saturating_add(pierce) },
+            None => {
+                (self.sheet, self.is_sheet_kept) = (None, false);
+                let is_kept = !may_skip;
+                self.search = SheetSearch { start, lowest, height: pierce, is_kept, ..SheetSearch::default() };
+                self.task = LayerTask::Approach;
+            }
+        }
         true
+    }
+
+    /// The sheet must be sensed by the next start: something has happened since it was found.
+    pub fn forget_kept_sheet(&mut self) {
+        self.is_sheet_kept = false;
     }
 
     /// Begins the moves behind the switching. Returns whether there are any.
@@ -173,7 +210,10 @@ impl LayerDrive {
             None => return false,
             Some(LayerMove::Start { cut, .. }) => over(cut).unwrap_or(self.layer),
             Some(LayerMove::OverSheet { height, highest }) => over(height).map_or(highest, |layer| layer.min(highest)),
-            Some(LayerMove::To { layer }) => layer,
+            Some(LayerMove::To { layer }) => {
+                self.is_sheet_kept = false;
+                layer
+            }
         };
         self.task = LayerTask::Move { target };
         true
@@ -190,7 +230,9 @@ impl LayerDrive {
         match self.task {
             LayerTask::Failing(fault) => LayerProgress::Failed(fault),
             LayerTask::Stop => LayerProgress::Complete,
-            LayerTask::Move { target } if self.at_rest() && self.layer == target && !self.is_held => {
+            LayerTask::Move { target } | LayerTask::Return { target }
+                if self.at_rest() && self.layer == target && !self.is_held =>
+            {
                 LayerProgress::Complete
             }
             _ => LayerProgress::Moving,
@@ -202,37 +244,56 @@ impl LayerDrive {
     pub fn run_period(&mut self, active: u16, is_held: bool) {
         let Some(settings) = self.settings else { return };
         self.is_held = is_held;
-        self.observe_contact(active & settings.contacts != 0);
-        let [fastest, _] = self.limits;
+        self.observe_contacts(active, &settings);
+        let ([fastest, _], SheetSearch { start, lowest, .. }) = (self.limits, self.search);
         let (target, speed) = match self.task {
-            LayerTask::Move { target } => (target, fastest),
-            LayerTask::Approach { start, .. } | LayerTask::Retreat { start } => (start, fastest),
-            LayerTask::Down { lowest, .. } => (lowest, i64::from(settings.probe_speed) << 16),
-            LayerTask::Up { start, .. } => (start, i64::from(settings.latch_speed) << 16),
-            LayerTask::Stop | LayerTask::Overrun { .. } | LayerTask::Failing(_) => (self.layer, 0),
+            LayerTask::Move { target } | LayerTask::Return { target } => (target, fastest),
+            LayerTask::Approach | LayerTask::Retreat | LayerTask::Again => (start, fastest),
+            LayerTask::Down => (lowest, i64::from(settings.probe_speed) << 16),
+            LayerTask::Up => (start, i64::from(settings.latch_speed) << 16),
+            LayerTask::Stop | LayerTask::Overrun | LayerTask::Failing(_) => (self.layer, 0),
         };
         self.speed = if is_held || speed == 0 { self.braked() } else { self.speed_toward(target, speed.min(fastest)) };
         self.position += self.speed;
         self.emit();
     }
 
-    /// Updates the task from the contact and the layer.
-    fn observe_contact(&mut self, is_closed: bool) {
-        let rests_at = |target: i32| self.at_rest() && self.layer == target;
+    /// Updates the task from the active inputs and the layer.
+    fn observe_contacts(&mut self, active: u16, settings: &LayerSettings) {
+        let (is_at_rest, layer) = (self.at_rest(), self.layer);
+        let rests_at = |target: i32| is_at_rest && layer == target;
+        let (any, ohmic) = (active & (settings.contacts | settings.ohmic), active & settings.ohmic);
+        let is_closed = any != 0;
+        // The float switch opens before the tip leaves the sheet; an ohmic contact that has failed counts no more.
+        let is_touching = if self.search.is_ohmic { is_closed } else { active & settings.contacts != 0 };
+        if is_closed {
+            self.is_sheet_kept = false;
+        }
+        let SheetSearch { start, lowest, height, .. } = self.search;
         self.task = match self.task {
-            LayerTask::Approach { .. } if is_closed => LayerTask::Failing(SheetFault::Contact),
-            LayerTask::Approach { start, lowest, height } if rests_at(start) => {
-                LayerTask::Down { start, lowest, height }
+            LayerTask::Approach | LayerTask::Return { .. } if is_closed => LayerTask::Failing(SheetFault::Contact),
+            LayerTask::Approach if rests_at(start) => LayerTask::Down,
+            LayerTask::Down if is_closed => {
+                self.search.is_ohmic = ohmic != 0;
+                LayerTask::Overrun
             }
-            LayerTask::Down { start, height, .. } if is_closed => LayerTask::Overrun { start, height },
-            LayerTask::Down { start, lowest, .. } if rests_at(lowest) => LayerTask::Retreat { start },
-            LayerTask::Retreat { start } if rests_at(start) => LayerTask::Failing(SheetFault::NoSheet),
-            LayerTask::Overrun { start, height } if self.at_rest() => LayerTask::Up { start, height },
-            LayerTask::Up { height, .. } if !is_closed => {
-                self.sheet = Some(self.layer);
-                LayerTask::Move { target: self.layer.saturating_add(height) }
+            LayerTask::Down if rests_at(lowest) => LayerTask::Retreat,
+            LayerTask::Retreat if rests_at(start) => LayerTask::Failing(SheetFault::NoSheet),
+            LayerTask::Overrun if is_at_rest => LayerTask::Up,
+            LayerTask::Up if !is_touching => {
+                let is_missed = settings.ohmic != 0 && !self.search.is_ohmic;
+                if is_missed && self.search.failed < settings.ohmic_tries {
+                    self.search.failed += 1;
+                    LayerTask::Again
+                } else {
+                    let drop = if self.search.is_ohmic { settings.ohmic_drop } else { 0 };
+                    let sheet = layer.saturating_sub(drop);
+                    (self.sheet, self.is_sheet_kept) = (Some(sheet), self.search.is_kept);
+                    LayerTask::Move { target: sheet.saturating_add(height) }
+                }
             }
-            LayerTask::Up { start, .. } if rests_at(start) => LayerTask::Failing(SheetFault::Contact),
+            LayerTask::Up if rests_at(start) => LayerTask::Failing(SheetFault::Contact),
+            LayerTask::Again if rests_at(start) => LayerTask::Approach,
             task => task,
         };
     }

@@ -200,6 +200,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let conditions = PermitConditions { denied, ..self.conditions };
         let outcome = self.permit.apply_period(self.outputs.values_mut(), &conditions);
         self.status.cutter_off = outcome.off;
+        if denied.is_some() || outcome.off.is_some() {
+            self.layer.forget_kept_sheet();
+        }
         if outcome.blocks {
             self.block = MotionBlock::CutterOff;
         }

@@ -328,6 +328,7 @@ impl InstructionExecutor {
             self.repeated = instruction.number;
             return Ok(());
         }
+        layer.forget_kept_sheet();
         let execution = Execution::begin(instruction.changes(), instruction.layer, outputs, layer);
         if instruction.periods == 0 && instruction.until.is_none() && instruction.layer.is_none() {
             self.repeated = instruction.number;

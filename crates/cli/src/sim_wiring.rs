@@ -69,10 +69,14 @@ pub fn hung_on<const A: usize>(machine: &MachineConfig, faults: &SourceFaults) -
         }
     }
     if let (Some(layer), Some(sheet_um)) = (machine.tool_layer(), faults.sheet_um) {
-        let closes_mm = layer.contact_mm() + f64::from(sheet_um) / 1000.0;
-        let (axis, at) = (layer.index as u8, machine.counts_of(layer.index, closes_mm));
-        let contacts = layer.contacts().iter();
-        settings.switches.extend(contacts.map(|&input| Switch { input, axis, at, upper: false }));
+        let sense = layer.sensing();
+        let sheet_mm = sense.sheet_mm + f64::from(sheet_um) / 1000.0;
+        let at = |mm: f64| machine.counts_of(layer.index, mm);
+        let (float, tip) = (at(sheet_mm - sense.float_travel_mm), at(sheet_mm + sense.ohmic_offset_mm));
+        let switch = |input: u8, at: i64| Switch { input, axis: layer.index as u8, at, upper: false };
+        settings.switches.extend(sense.contacts.iter().map(|&input| switch(input, float)));
+        let ohmic = sense.ohmic.iter().filter(|_| !faults.no_ohmic);
+        settings.switches.extend(ohmic.map(|&input| switch(input, tip)));
     }
     settings.replies = replies(machine);
     settings.sources = sources(machine, faults);

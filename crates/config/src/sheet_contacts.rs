@@ -43,14 +43,17 @@ pub(crate) fn declare_contacts(
             let what = format!("from {top} to {bottom} mm, beyond the travel of {lowest} to {highest} mm");
             return refuse(&what, "`sheet_mm` in machine coordinates; smaller `start_mm` and `below_mm`");
         }
-        for &number in &sense.contacts {
+        if !sense.ohmic.is_empty() && sense.float_travel_mm + sense.ohmic_offset_mm < 0.0 {
+            return refuse("ohmic_offset_mm is below the travel of the float switch", "a greater `ohmic_offset_mm`");
+        }
+        for (key, number) in sense.inputs() {
             let is_proof = cutters.iter().any(|other| other.proof.is_some_and(|proof| proof.input == number));
             match card.inputs.get_mut(usize::from(number)) {
                 Some(input) if input.used_for == InputUse::Plain && !is_proof => {
                     input.used_for = InputUse::Collision { only_lit: true };
                 }
                 _ => {
-                    let what = format!("contacts = [{number}]: there is no such input, or it has another use");
+                    let what = format!("{key} = [{number}]: there is no such input, or it has another use");
                     return refuse(&what, "an input from 0 to 15 with `use = \"plain\"`, for this use only");
                 }
             }

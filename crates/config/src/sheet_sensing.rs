@@ -14,9 +14,21 @@ use crate::value_range::within;
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SheetSensing {
-    /// Inputs that close when the tool touches the sheet: float switch, ohmic contact. Without one the sheet is not
+    /// Inputs that close when the tool touches the sheet, such as that of a float switch. Without one the sheet is not
     /// sensed.
     pub contacts: Vec<u8>,
+    /// Inputs of ohmic contacts, which close when the tip touches the sheet, before those of `contacts`.
+    pub ohmic: Vec<u8>,
+    /// Number of times that the sheet is sensed again where no ohmic contact closes. Then the other contacts count.
+    #[schemars(range(max = 20))]
+    pub ohmic_tries: u8,
+    /// Height of the tip over the sheet at which an ohmic contact opens, in mm.
+    #[schemars(range(min = -10.0, max = 10.0))]
+    pub ohmic_offset_mm: f64,
+    /// Distance in mm from the place at which the sheet was sensed last, within which a start takes the height found
+    /// there. 0: every start senses.
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub skip_mm: f64,
     /// Expected position of the sheet's surface, in mm in machine coordinates of the tool axis.
     pub sheet_mm: f64,
     /// Height in mm over the expected sheet from which it is sensed.
@@ -47,6 +59,10 @@ impl Default for SheetSensing {
     fn default() -> Self {
         Self {
             contacts: Vec::new(),
+            ohmic: Vec::new(),
+            ohmic_tries: 3,
+            ohmic_offset_mm: 0.0,
+            skip_mm: 0.0,
             sheet_mm: 0.0,
             start_mm: 10.0,
             below_mm: 10.0,
@@ -66,6 +82,12 @@ impl SheetSensing {
         !self.contacts.is_empty()
     }
 
+    /// The inputs of all contacts, with their keys.
+    pub(crate) fn inputs(&self) -> impl Iterator<Item = (&'static str, u8)> {
+        let contacts = self.contacts.iter().map(|&number| ("contacts", number));
+        contacts.chain(self.ohmic.iter().map(|&number| ("ohmic", number)))
+    }
+
     pub(crate) fn check(&self, cutter: &str) -> Result<(), NumberedError> {
         let named = |what: &str| format!("cutter {cutter}: sense.{what}");
         within(&named("sheet_mm"), self.sheet_mm, -10_000.0, 10_000.0)?;
@@ -75,6 +97,9 @@ impl SheetSensing {
         within(&named("latch_mm_per_s"), self.latch_mm_per_s, 0.05, 20.0)?;
         within(&named("safe_mm"), self.safe_mm, 0.0, 500.0)?;
         within(&named("lift_mm"), self.lift_mm, 0.0, 500.0)?;
+        within(&named("ohmic_tries"), f64::from(self.ohmic_tries), 0.0, 20.0)?;
+        within(&named("ohmic_offset_mm"), self.ohmic_offset_mm, -10.0, 10.0)?;
+        within(&named("skip_mm"), self.skip_mm, 0.0, 1000.0)?;
         within(&named("float_travel_mm"), self.float_travel_mm, 0.0, 50.0)
     }
 }
@@ -103,17 +128,22 @@ impl<'m> ToolLayer<'m> {
     #[must_use]
     pub fn settings(&self, period_s: f64) -> LayerSettings {
         let speed = |mm_per_s: f64| (mm_per_s * self.axis.pulses_per_mm * period_s * 65_536.0).round().max(1.0) as u32;
+        let bits = |inputs: &[u8]| inputs.iter().fold(0, |bits, &number| bits | 1 << number);
         LayerSettings {
             axis: self.index as u8,
-            contacts: self.sensing.contacts.iter().fold(0, |bits, &number| bits | 1 << number),
+            contacts: bits(&self.sensing.contacts),
+            ohmic: bits(&self.sensing.ohmic),
+            ohmic_tries: self.sensing.ohmic_tries,
+            ohmic_drop: self.pulses(self.sensing.float_travel_mm + self.sensing.ohmic_offset_mm),
             probe_speed: speed(self.sensing.probe_mm_per_s),
             latch_speed: speed(self.sensing.latch_mm_per_s),
         }
     }
 
-    /// Moves of a start with these heights in mm over the sheet; the path of the tool axis is at `path_mm`.
+    /// Moves of a start with these heights in mm over the sheet; the path of the tool axis is at `path_mm`. `may_skip`:
+    /// the sheet that an earlier start found counts.
     #[must_use]
-    pub fn start(&self, path_mm: f64, pierce_mm: f64, cut_mm: f64) -> LayerMove {
+    pub fn start(&self, path_mm: f64, [pierce_mm, cut_mm]: [f64; 2], may_skip: bool) -> LayerMove {
         let SheetSensing { sheet_mm, start_mm, below_mm, float_travel_mm, .. } = *self.sensing;
         let [lowest_mm, highest_mm] = self.axis.travel_mm;
         let layer = |mm: f64| self.pulses(mm.clamp(lowest_mm, highest_mm) - path_mm);
@@ -122,6 +152,7 @@ impl<'m> ToolLayer<'m> {
             lowest: layer(sheet_mm - below_mm - float_travel_mm),
             pierce: self.pulses(pierce_mm + float_travel_mm),
             cut: self.pulses(cut_mm + float_travel_mm),
+            may_skip,
         }
     }
 
@@ -151,16 +182,15 @@ impl<'m> ToolLayer<'m> {
         (path_mm < safe_mm).then(|| LayerMove::To { layer: self.pulses(safe_mm - path_mm) })
     }
 
-    /// Position of the tool axis where the contacts of the expected sheet close, in mm.
+    /// How the sheet is sensed.
     #[must_use]
-    pub fn contact_mm(&self) -> f64 {
-        self.sensing.sheet_mm - self.sensing.float_travel_mm
+    pub fn sensing(&self) -> &'m SheetSensing {
+        self.sensing
     }
 
-    /// Inputs of the contacts.
-    #[must_use]
-    pub fn contacts(&self) -> &'m [u8] {
-        &self.sensing.contacts
+    /// Inputs of all contacts.
+    pub fn contacts(&self) -> impl Iterator<Item = u8> + use<'m> {
+        self.sensing.contacts.iter().chain(&self.sensing.ohmic).copied()
     }
 
     /// Time in s that these moves take from the layer `from` where the sheet is as expected, and the layer behind them.
@@ -168,8 +198,12 @@ impl<'m> ToolLayer<'m> {
     pub fn usual_s(&self, moves: LayerMove, from: i32, sheet: Option<i32>) -> (f64, i32, Option<i32>) {
         let SheetSensing { below_mm, probe_mm_per_s, latch_mm_per_s, .. } = *self.sensing;
         let rapid = self.axis.max_velocity_mm_per_s;
-        match moves {
-            LayerMove::Start { start, lowest, pierce, cut } => {
+        match (moves, sheet) {
+            (LayerMove::Start { pierce, cut, may_skip: true, .. }, Some(sheet)) => {
+                let seconds = self.move_s(from, sheet + pierce, rapid) + self.move_s(pierce, cut, rapid);
+                (seconds, sheet + cut, Some(sheet))
+            }
+            (LayerMove::Start { start, lowest, pierce, cut, .. }, _) => {
                 let sheet = lowest + self.pulses(below_mm);
                 // What it runs on after the contact has closed.
                 let over = self.pulses(probe_mm_per_s * self.ramp_s(probe_mm_per_s) / 2.0);
@@ -177,11 +211,11 @@ impl<'m> ToolLayer<'m> {
                 let up_s = self.move_s(0, over, latch_mm_per_s) + self.move_s(0, pierce, rapid);
                 (down_s + up_s + self.move_s(pierce, cut, rapid), sheet + cut, Some(sheet))
             }
-            LayerMove::OverSheet { height, highest } => {
+            (LayerMove::OverSheet { height, highest }, _) => {
                 let to = sheet.map_or(highest, |sheet| (sheet + height).min(highest));
                 (self.move_s(from, to, rapid), to, sheet)
             }
-            LayerMove::To { layer } => (self.move_s(from, layer, rapid), layer, sheet),
+            (LayerMove::To { layer }, _) => (self.move_s(from, layer, rapid), layer, sheet),
         }
     }
 

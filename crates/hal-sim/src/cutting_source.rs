@@ -38,6 +38,8 @@ pub struct SourceFaults {
     pub delay_us: [u32; 2],
     /// Height of the sheet over the one that the machine file expects, in µm; `None` without a sheet to be sensed.
     pub sheet_um: Option<i32>,
+    /// Whether ohmic contacts never close.
+    pub no_ohmic: bool,
     /// Seed of everything that is random.
     pub seed: u64,
 }
@@ -54,6 +56,7 @@ impl Default for SourceFaults {
             stays_on: false,
             delay_us: [50_000; 2],
             sheet_um: Some(0),
+            no_ohmic: false,
             seed: 0,
         }
     }
@@ -75,7 +78,7 @@ pub struct SourceSettings {
 }
 
 const ITEMS: &str = "seed=N, no-start=P, lose-per-m=N, lose@MM, flicker-per-m=N, flicker-ms=N, delay-ms=N, welded, \
-    stays-on, sheet=MM, no-sheet; P is a probability, MM a length of cut or a height";
+    stays-on, sheet=MM, no-sheet, no-ohmic; P is a probability, MM a length of cut or a height";
 
 /// Parses the faults of a source: `no-start=0.1,lose@120.5,seed=7`.
 ///
@@ -100,6 +103,7 @@ fn apply(item: &str, faults: &mut SourceFaults) -> Option<()> {
         None if item == "welded" => faults.is_welded = true,
         None if item == "stays-on" => faults.stays_on = true,
         None if item == "no-sheet" => faults.sheet_um = None,
+        None if item == "no-ohmic" => faults.no_ohmic = true,
         Some(("sheet", value)) => {
             let mm: f64 = value.parse().ok().filter(|mm: &f64| mm.abs() <= 1000.0)?;
             faults.sheet_um = Some((mm * 1000.0).round() as i32);

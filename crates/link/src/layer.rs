@@ -9,12 +9,19 @@
 pub const MAX_LAYER: u32 = 1 << 24;
 
 /// Settings of the layer: the axis, and how the sheet is sensed. Its limits are those of the axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LayerSettings {
     /// The tool axis, from 0. Its counts rise away from the sheet.
     pub axis: u8,
-    /// Inputs that close when the tool touches the sheet, one bit each.
+    /// Inputs that close when the tool is pressed on the sheet, such as that of a float switch; one bit each.
     pub contacts: u16,
+    /// Inputs that close when the tip touches the sheet: ohmic contacts, one bit each. 0: none.
+    pub ohmic: u16,
+    /// Number of times that the sheet is sensed again where none of `ohmic` closes before one of `contacts`. Behind
+    /// them the sheet is where the latter opens.
+    pub ohmic_tries: u8,
+    /// Distance from the layer at which an ohmic contact opens down to the one at which the others would, in pulses.
+    pub ohmic_drop: i32,
     /// Speed toward the sheet, in units of 2⁻¹⁶ pulses per period.
     pub probe_speed: u32,
     /// Speed off the sheet, in the same unit.
@@ -35,6 +42,9 @@ pub enum LayerMove {
         pierce: i32,
         /// Height over the sheet with which the cut begins.
         cut: i32,
+        /// Whether the sheet that an earlier start found counts, if nothing has happened since. What this start finds
+        /// counts for no later one.
+        may_skip: bool,
     },
     /// Behind the switching the tool goes to this height over the sheet; where no sheet is known, to `highest`.
     OverSheet {
@@ -55,7 +65,7 @@ impl LayerMove {
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let values = match *self {
-            Self::Start { start, lowest, pierce, cut } => [start, lowest, pierce, cut],
+            Self::Start { start, lowest, pierce, cut, .. } => [start, lowest, pierce, cut],
             Self::OverSheet { height, highest } => [height, highest, 0, 0],
             Self::To { layer } => [layer, 0, 0, 0],
         };

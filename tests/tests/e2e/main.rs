@@ -33,6 +33,7 @@ mod resume_files;
 #[cfg(unix)]
 mod screen;
 mod serial;
+mod sheet_sensing;
 #[cfg(unix)]
 mod start_points;
 #[cfg(unix)]

@@ -63,7 +63,10 @@ fn any_moves(draw: &mut Draw) -> Option<LayerMove> {
     let mut to = || draw.below(90) as i32 - 60;
     let (a, b, c, d) = (to(), to(), to(), to());
     match draw.below(6) {
-        0 => Some(LayerMove::Start { start: a.max(b), lowest: a.min(b), pierce: c.abs(), cut: d.abs() }),
+        0 => {
+            let may_skip = a & 1 == 0;
+            Some(LayerMove::Start { start: a.max(b), lowest: a.min(b), pierce: c.abs(), cut: d.abs(), may_skip })
+        }
         1 => Some(LayerMove::OverSheet { height: a.abs(), highest: b }),
         2 => Some(LayerMove::To { layer: a }),
         _ => None,
@@ -130,7 +133,7 @@ impl Observer {
         settings.cutting.inhibit = epoch.is_multiple_of(8);
         settings.cutting.beam_power = Some(BeamPower { channel: TORCH, least: FeedShare::NONE });
         let (probe_speed, latch_speed) = (3 << 16, 1 << 15);
-        settings.layer = Some(LayerSettings { axis: 0, contacts: FLOAT, probe_speed, latch_speed });
+        settings.layer = Some(LayerSettings { contacts: FLOAT, probe_speed, latch_speed, ..LayerSettings::default() });
         settings.start.keeps_layer = epoch.is_multiple_of(3);
         let position = self.position();
         if self.card.open(&settings).is_ok() {

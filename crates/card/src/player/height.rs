@@ -26,6 +26,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if !self.switching.is_busy() {
             self.layer.stop();
         }
+        // Whatever the operator does while the machine waits for him, the sheet may lie elsewhere then.
+        if self.target.faster() == Rate::ZERO {
+            self.layer.forget_kept_sheet();
+        }
         let is_held = self.switching.is_program_running() && self.target.faster() == Rate::ZERO && !self.is_lit();
         self.layer.run_period(active, is_held);
     }

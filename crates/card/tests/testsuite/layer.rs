@@ -11,7 +11,7 @@ use retrace_core::limits::PulseLimits;
 use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
-    HostCommand, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER, OutputChange, PathStart,
+    HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER, OutputChange, PathStart,
     RepeatedInstruction, channel,
 };
 
@@ -22,8 +22,18 @@ const FLOAT: u16 = PLAIN;
 const Z: usize = 1;
 const PULSE: u64 = 1 << 32;
 
-const SETTINGS: LayerSettings =
-    LayerSettings { axis: Z as u8, contacts: FLOAT, probe_speed: 4 << 16, latch_speed: 1 << 14 };
+/// The ohmic contact, where a test uses it.
+const OHMIC: u16 = 1 << 2;
+
+const SETTINGS: LayerSettings = LayerSettings {
+    axis: Z as u8,
+    contacts: FLOAT,
+    ohmic: 0,
+    ohmic_tries: 0,
+    ohmic_drop: 0,
+    probe_speed: 4 << 16,
+    latch_speed: 1 << 14,
+};
 
 fn layer_settings(epoch: u16) -> CardSettings<2> {
     let mut settings = settings(epoch, 0);
@@ -40,6 +50,8 @@ struct Table {
     card: TestCard,
     /// Position of the tool axis where the float switch closes; `None` without a sheet.
     sheet: Option<i64>,
+    /// Position where the ohmic contact closes, if it does.
+    tip: Option<i64>,
     position: i64,
     levels: u16,
     is_silent: bool,
@@ -51,10 +63,14 @@ struct Table {
 
 impl Table {
     fn new(sheet: Option<i64>) -> Self {
+        Self::with(sheet, &layer_settings(1))
+    }
+
+    fn with(sheet: Option<i64>, settings: &CardSettings<2>) -> Self {
         let mut card = TestCard::new(identity()).expect("a memory");
-        card.open(&layer_settings(1)).expect("fit");
-        let mut table =
-            Self { card, sheet, position: 0, levels: 0, is_silent: false, increments: Vec::new(), lit_at: Vec::new() };
+        card.open(settings).expect("fit");
+        let (increments, lit_at) = (Vec::new(), Vec::new());
+        let mut table = Self { card, sheet, tip: None, position: 0, levels: 0, is_silent: false, increments, lit_at };
         for place in 0..20 {
             let flags = if place % 20 == 19 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [5, 0], flags, ..Record::default() };
@@ -76,7 +92,9 @@ impl Table {
             self.card.keep_alive();
         }
         let touches = self.sheet.is_some_and(|sheet| self.position <= sheet);
-        let status = *self.card.run_period(levels(self.levels | if touches { FLOAT } else { 0 }));
+        let tips = self.tip.is_some_and(|tip| self.position <= tip);
+        let contacts = if touches { FLOAT } else { 0 } | if tips { OHMIC } else { 0 };
+        let status = *self.card.run_period(levels(self.levels | contacts));
         self.increments.push(i64::from(self.card.pulses()[Z]));
         self.position += i64::from(self.card.pulses()[Z]);
         // The machine is where the path and the layer are, in every period.
@@ -131,7 +149,7 @@ fn instruction(number: u32, torch: Option<i32>, layer: LayerMove) -> Instruction
     Instruction { number, changes, count, periods, keeps_cutter: true, layer: Some(layer), ..Instruction::default() }
 }
 
-const START: LayerMove = LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45 };
+const START: LayerMove = LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45, may_skip: false };
 
 /// The torch is lit at the pierce height over the sheet that was found, the feed begins at the height of the cut, and
 /// the layer is 0 again at the end: to the pulse.
@@ -249,6 +267,151 @@ fn an_alarm_or_the_operator_ends_the_moves() {
             table.assert_limits();
         }
     }
+}
+
+/// A table whose cursor is at rest at the end of the path, with a rate that is asked for.
+fn at_the_end(sheet: i64) -> Table {
+    let mut table = Table::new(Some(sheet));
+    table.send(HostCommand::rate(Rate::ONE / 4));
+    while table.period().place != Place::start_of(RecordIndex::new(20)) {}
+    table
+}
+
+/// Starts and ends a cut at the place of the cursor; returns the lowest position in the start, before the torch is lit.
+fn cut(table: &mut Table, number: u32, may_skip: bool) -> i64 {
+    let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
+    let begin = instruction(number, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip });
+    table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..begin }));
+    table.lit_at.clear();
+    let mut deepest = table.position;
+    while table.status().executed != number {
+        table.period();
+        if table.lit_at.is_empty() {
+            deepest = deepest.min(table.position);
+        }
+    }
+    assert_eq!(table.position, table.sheet.expect("a sheet") + 1 + 45, "the height of the cut");
+    let lift = instruction(number + 1, Some(0), LayerMove::OverSheet { height: 500, highest: -100 });
+    table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..lift }));
+    table.until_executed(number + 1);
+    deepest
+}
+
+/// A start that may skip the sensing does so where nothing has happened since; behind anything else it senses, and the
+/// next one senses, too (CUT-13).
+#[test]
+fn a_start_takes_the_height_that_was_found_unless_something_has_happened() {
+    let sheet = -900;
+    let begin = || {
+        let mut table = at_the_end(sheet);
+        assert!(cut(&mut table, 1, true) <= sheet, "nothing is known yet");
+        assert!(cut(&mut table, 3, true) <= sheet, "what a start found that may skip counts for no other");
+        assert!(cut(&mut table, 5, false) <= sheet, "it must sense");
+        table
+    };
+    let mut table = begin();
+    for number in [7, 9] {
+        assert_eq!(cut(&mut table, number, true), sheet + 1 + 120, "straight to the height of the pierce");
+    }
+    table.assert_limits();
+    type Happening = fn(&mut Table);
+    let happenings: [(&str, Happening); 6] = [
+        ("a hold", |table| {
+            table.send(HostCommand::rate(Rate::ZERO));
+            table.periods(30);
+            table.send(HostCommand::rate(Rate::ONE / 4));
+        }),
+        ("cutter off by hand", |table| {
+            table.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }));
+        }),
+        ("a contact", |table| {
+            table.levels = FLOAT;
+            table.period();
+            table.levels = 0;
+        }),
+        ("an emergency stop", |table| {
+            table.levels = STOP;
+            table.periods(5);
+            table.levels = 0;
+            table.periods(5);
+            table.send(HostCommand::ClearAlarm);
+            table.send(HostCommand::rate(Rate::ONE / 4));
+        }),
+        ("a repeated instruction", |table| {
+            let number = table.status().repeated + 1;
+            table.send(HostCommand::Restart { last: number });
+            table.send(HostCommand::Repeat(RepeatedInstruction { number, ..Default::default() }));
+            table.periods(5);
+        }),
+        ("a move to the path", |table| {
+            let back = instruction(7, None, LayerMove::To { layer: 0 });
+            table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..back }));
+            table.until_executed(7);
+        }),
+    ];
+    for (name, happens) in happenings {
+        let mut table = begin();
+        happens(&mut table);
+        let number = table.status().executed + 1;
+        assert!(cut(&mut table, number, true) <= sheet, "{name}");
+        assert!(cut(&mut table, number + 2, true) <= sheet, "{name}: the next one, too");
+        assert!(cut(&mut table, number + 4, false) <= sheet, "{name}");
+        assert_eq!(cut(&mut table, number + 6, true), sheet + 1 + 120, "{name}: known again");
+    }
+}
+
+/// A sheet that lies higher than it was found ends the start before the torch is lit.
+#[test]
+fn a_contact_on_the_way_to_a_known_sheet_lights_nothing() {
+    let mut table = at_the_end(-900);
+    cut(&mut table, 1, false);
+    table.sheet = Some(-700);
+    table.lit_at.clear();
+    let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
+    let start = instruction(3, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip: true });
+    table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..start }));
+    let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
+    assert_eq!((off.cause, off.channels), (CutterOffCause::SheetContact, 0));
+    let status = table.periods(300);
+    assert!(status.blocked && status.executed == 2 && table.lit_at.is_empty());
+    table.assert_limits();
+}
+
+/// The ohmic contact finds the sheet; where it does not close it is tried again, and then the float switch counts.
+#[test]
+fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
+    let (sheet, travel, tries) = (-900, 60, 3);
+    let mut settings = layer_settings(1);
+    settings.inputs[2] = InputSetting::default();
+    settings.layer = Some(LayerSettings { ohmic: OHMIC, ohmic_tries: tries, ohmic_drop: travel as i32, ..SETTINGS });
+    // Closes at once, in the second attempt and in the last, and never.
+    for closes_from in [0, 1, tries, tries + 1, u8::MAX] {
+        let mut table = Table::with(Some(sheet - travel), &settings);
+        table.send(HostCommand::rate(Rate::ONE / 4));
+        table.instruct(1, Some(1), START);
+        let (mut downs, mut was_pressed) = (0, false);
+        while table.status().executed == 0 {
+            table.tip = (downs >= closes_from).then_some(sheet);
+            table.period();
+            let is_pressed = table.position <= sheet - travel;
+            downs += u8::from(is_pressed && !was_pressed);
+            was_pressed = is_pressed;
+            assert!(table.lit_at.is_empty() || table.position > sheet - travel, "{closes_from} {downs}");
+        }
+        // The heights are those over the place where the float switch opens.
+        assert_eq!(table.position, sheet - travel + 1 + 45, "{closes_from}");
+        assert!(downs <= tries + 1, "{closes_from}: {downs}");
+        assert_eq!(downs > tries, closes_from > tries, "{closes_from}: {downs}");
+        table.assert_limits();
+    }
+    // A contact that is closed before, such as one with a bridge, starts nothing.
+    let mut table = Table::with(Some(sheet - travel), &settings);
+    table.tip = Some(100);
+    table.send(HostCommand::rate(Rate::ONE / 4));
+    table.instruct(1, Some(1), START);
+    let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
+    assert_eq!(off.cause, CutterOffCause::SheetContact);
+    assert!(table.lit_at.is_empty());
 }
 
 /// A layer that is not kept becomes part of the counts; nothing moves.

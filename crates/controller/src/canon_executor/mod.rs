@@ -97,6 +97,8 @@ pub(crate) struct CanonExecutor<'m> {
     cutters: CutterTrack,
     /// Where the layer of the tool axis is.
     layer: LayerState,
+    /// Where the sheet was sensed last, X and Y, and the path of the tool axis there, in mm.
+    sensed_at: Option<[f64; 3]>,
 }
 
 impl<'m> CanonExecutor<'m> {
@@ -128,6 +130,7 @@ impl<'m> CanonExecutor<'m> {
             material: None,
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,
+            sensed_at: None,
         }
     }
 

@@ -67,6 +67,8 @@ impl<'m> CanonExecutor<'m> {
                 self.dwell(*seconds, "G4", line, sink)
             }
             Canon::ProgramStop => {
+                // Somebody may lay another sheet.
+                self.sensed_at = None;
                 let stop = SwitchInstruction {
                     line,
                     kind: ExclusiveKind::ProgramStop,

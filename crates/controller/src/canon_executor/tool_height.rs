@@ -3,6 +3,7 @@
 //! Invariant: no rapid move is made with the cutter off at the height of its cut, and no move of the tool axis while
 //! the layer may not be 0.
 
+use retrace_gcode::Axis;
 use retrace_link::{LayerMove, OutputChange};
 
 use super::{CanonError, CanonExecutor};
@@ -48,7 +49,23 @@ impl CanonExecutor<'_> {
         };
         self.layer = LayerState::AtCut;
         let puddle_mm = self.puddle().map_or(cut_mm, |(puddle_mm, _)| puddle_mm);
-        Ok(Some([puddle_mm, cut_mm].map(|mm| layer.start(path_mm, pierce_mm, mm))))
+        let may_skip = self.skips_sensing(path_mm, layer.sensing().skip_mm);
+        // A restart senses, and what it finds counts for no later start.
+        let [now, restart] = [(puddle_mm, may_skip), (cut_mm, true)];
+        Ok(Some([now, restart].map(|(mm, may_skip)| layer.start(path_mm, [pierce_mm, mm], may_skip))))
+    }
+
+    /// Whether the place of this start is near the one at which the sheet was sensed last. Where it is not, the sheet
+    /// is sensed here.
+    fn skips_sensing(&mut self, path_mm: f64, skip_mm: f64) -> bool {
+        let at = self.actual_position();
+        let here = [at[Axis::X], at[Axis::Y], path_mm];
+        let is_near = |[x, y, path]: [f64; 3]| path == path_mm && (x - here[0]).hypot(y - here[1]) < skip_mm;
+        let skips = self.sensed_at.is_some_and(is_near);
+        if !skips {
+            self.sensed_at = Some(here);
+        }
+        skips
     }
 
     /// In a dry run the tool stays at the safe height over the expected sheet, or higher: the move there, once (CUT-8).
@@ -120,7 +137,7 @@ impl CanonExecutor<'_> {
         if self.layer == LayerState::Zero {
             return Ok(());
         }
-        self.layer = LayerState::Zero;
+        (self.layer, self.sensed_at) = (LayerState::Zero, None);
         move_layer(LayerMove::To { layer: 0 }, line, sink)
     }
 }

@@ -139,7 +139,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn lift_off_contact(&self) -> Option<RestartStep> {
         let (status, machine) = (self.card.status(), self.recovery.machine());
         let layer = machine.tool_layer()?;
-        let touches = layer.contacts().iter().any(|&input| status.inputs >> (input & 15) & 1 == 1);
+        let touches = layer.contacts().any(|input| status.inputs >> (input & 15) & 1 == 1);
         let path_mm = machine.axes[layer.index].mm_of(status.counts[layer.index]);
         let step = RestartStep { code: HEIGHT, layer: Some(layer.lift(path_mm)), ..RestartStep::default() };
         touches.then_some(step)

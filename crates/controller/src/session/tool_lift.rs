@@ -35,7 +35,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let was_interrupted = is_wanted(layer.fire) || self.recovery.is_interrupted(layer.fire);
         let is_busy = self.executing.is_some() || self.restart.is_active() || self.dnc.is_paused();
         let stands = status.at_rest && status.rate == Rate::ZERO && self.leaving_run == LeavingRun::No;
-        let touches = layer.contacts().iter().any(|&input| status.inputs >> (input & 15) & 1 == 1);
+        let touches = layer.contacts().any(|input| status.inputs >> (input & 15) & 1 == 1);
         let collides = status.inputs & self.config.collision_inputs != 0 || status.alarm.is_some();
         let is_due = self.tool_lift.is_low && was_interrupted && stands && !is_on(layer.fire);
         if !is_due || is_busy || self.is_lifting() || touches || collides || self.phase.is_stopping() {

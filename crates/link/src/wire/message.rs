@@ -204,14 +204,19 @@ fn write_switching(
     layer.map_or(Some(()), |moves| write_layer(writer, moves))
 }
 
+/// Kind of a start that may do without sensing the sheet.
+const SKIPPING_START: u8 = 3;
+
 fn write_layer(writer: &mut ByteWriter<'_>, moves: LayerMove) -> Option<()> {
     let (kind, values) = match moves {
-        LayerMove::Start { start, lowest, pierce, cut } => (0, [start, lowest, pierce, cut]),
+        LayerMove::Start { start, lowest, pierce, cut, may_skip } => {
+            (if may_skip { SKIPPING_START } else { 0 }, [start, lowest, pierce, cut])
+        }
         LayerMove::OverSheet { height, highest } => (1, [height, highest, 0, 0]),
         LayerMove::To { layer } => (2, [layer, 0, 0, 0]),
     };
     writer.u8(kind)?;
-    values.iter().take(4 >> kind).try_for_each(|&value| writer.signed(i64::from(value)))
+    values.iter().take(4 >> (kind % SKIPPING_START)).try_for_each(|&value| writer.signed(i64::from(value)))
 }
 
 /// Reads the moves of the layer, if the count of changes has their flag. Returns `None` if the bytes are invalid.
@@ -221,11 +226,12 @@ fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMov
         return Some(None);
     }
     Some(Some(match reader.u8()? {
-        0 => LayerMove::Start {
+        kind @ (0 | SKIPPING_START) => LayerMove::Start {
             start: reader.signed32()?,
             lowest: reader.signed32()?,
             pierce: reader.signed32()?,
             cut: reader.signed32()?,
+            may_skip: kind == SKIPPING_START,
         },
         1 => LayerMove::OverSheet { height: reader.signed32()?, highest: reader.signed32()? },
         2 => LayerMove::To { layer: reader.signed32()? },
