@@ -4,7 +4,7 @@
 
 use retrace_core::{FeedShare, Record};
 use retrace_link::{
-    Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_LAYER, MAX_SAFE,
+    Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE,
 };
 
 use crate::outputs;
@@ -42,10 +42,8 @@ impl<const A: usize> CheckedSettings<A> {
         let proofs = settings.cutting.channels().iter().filter_map(|of| of.proof);
         let proofs_exist = proofs.into_iter().all(|proof| proof.input < identity.inputs.min(MAX_INPUTS as u8));
         let layer_is_valid = settings.layer.is_none_or(|layer| {
-            let contacts = u32::from(layer.contacts | layer.ohmic);
-            let exists = layer.axis < settings.axes && contacts >> identity.inputs.min(16) == 0;
-            let is_near = layer.ohmic_drop.unsigned_abs() <= MAX_LAYER;
-            exists && is_near && layer.contacts != 0 && layer.probe_speed > 0 && layer.latch_speed > 0
+            let exists = layer.axis < settings.axes && u32::from(layer.contacts) >> identity.inputs.min(16) == 0;
+            exists && layer.contacts != 0 && layer.probe_speed > 0 && layer.latch_speed > 0
         });
         let cutting = &settings.cutting;
         let power_is_valid = cutting.beam_power.is_none_or(|power| {

@@ -7,12 +7,14 @@
 //! Invariant: the increments sum to the layer; at rest at a target the layer is the target, to the pulse.
 
 use retrace_core::limits::PulseLimits;
-use retrace_link::{LayerMove, LayerSettings};
+use retrace_link::{LayerMove, LayerSettings, OhmicSensing};
 
 /// Maximum length of the average, in periods.
 const MAX_AVERAGE: usize = 64;
 /// One pulse per period, in the unit of a speed.
 const PULSE: i64 = 1 << 32;
+
+const NO_OHMIC: OhmicSensing = OhmicSensing { inputs: 0, tries: 0, drop: 0 };
 
 /// Reason why the sheet was not found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +75,7 @@ struct SheetSearch {
     is_ohmic: bool,
     /// Whether the sheet that it finds counts for later starts.
     is_kept: bool,
+    ohmic: OhmicSensing,
 }
 
 /// Drive of the layer.
@@ -112,7 +115,15 @@ impl LayerDrive {
             limits: [0; 2],
             average: 1,
             task: LayerTask::Stop,
-            search: SheetSearch { start: 0, lowest: 0, height: 0, failed: 0, is_ohmic: false, is_kept: false },
+            search: SheetSearch {
+                start: 0,
+                lowest: 0,
+                height: 0,
+                failed: 0,
+                is_ohmic: false,
+                is_kept: false,
+                ohmic: NO_OHMIC,
+            },
             position: 0,
             speed: 0,
             speeds: [0; MAX_AVERAGE],
@@ -162,7 +173,7 @@ impl LayerDrive {
     /// Whether this input is a contact of the sheet.
     #[must_use]
     pub fn is_contact(&self, input: u8) -> bool {
-        self.settings.is_some_and(|settings| (settings.contacts | settings.ohmic) >> (input & 15) & 1 == 1)
+        self.settings.is_some_and(|settings| settings.contacts >> (input & 15) & 1 == 1)
     }
 
     /// Returns the layer in pulses.
@@ -185,13 +196,13 @@ impl LayerDrive {
 
     /// Begins the moves before the switching. Returns whether there are any.
     pub fn begin_before(&mut self, moves: Option<LayerMove>) -> bool {
-        let Some(LayerMove::Start { start, lowest, pierce, may_skip, .. }) = moves else { return false };
+        let Some(LayerMove::Start { start, lowest, pierce, may_skip, ohmic, .. }) = moves else { return false };
         match self.sheet.filter(|_| may_skip && self.is_sheet_kept) {
             Some(sheet) => self.task = LayerTask::Return { target: sheet.saturating_add(pierce) },
             None => {
                 (self.sheet, self.is_sheet_kept) = (None, false);
                 let is_kept = !may_skip;
-                self.search = SheetSearch { start, lowest, height: pierce, is_kept, ..SheetSearch::default() };
+                self.search = SheetSearch { start, lowest, height: pierce, is_kept, ohmic, ..SheetSearch::default() };
                 self.task = LayerTask::Approach;
             }
         }
@@ -244,7 +255,7 @@ impl LayerDrive {
     pub fn run_period(&mut self, active: u16, is_held: bool) {
         let Some(settings) = self.settings else { return };
         self.is_held = is_held;
-        self.observe_contacts(active, &settings);
+        self.observe_contacts(active & settings.contacts);
         let ([fastest, _], SheetSearch { start, lowest, .. }) = (self.limits, self.search);
         let (target, speed) = match self.task {
             LayerTask::Move { target } | LayerTask::Return { target } => (target, fastest),
@@ -258,35 +269,34 @@ impl LayerDrive {
         self.emit();
     }
 
-    /// Updates the task from the active inputs and the layer.
-    fn observe_contacts(&mut self, active: u16, settings: &LayerSettings) {
+    /// Updates the task from the closed contacts and the layer.
+    fn observe_contacts(&mut self, closed: u16) {
         let (is_at_rest, layer) = (self.at_rest(), self.layer);
         let rests_at = |target: i32| is_at_rest && layer == target;
-        let (any, ohmic) = (active & (settings.contacts | settings.ohmic), active & settings.ohmic);
-        let is_closed = any != 0;
+        let SheetSearch { start, lowest, height, ohmic, .. } = self.search;
+        let is_closed = closed != 0;
         // The float switch opens before the tip leaves the sheet; an ohmic contact that has failed counts no more.
-        let is_touching = if self.search.is_ohmic { is_closed } else { active & settings.contacts != 0 };
+        let is_touching = if self.search.is_ohmic { is_closed } else { closed & !ohmic.inputs != 0 };
         if is_closed {
             self.is_sheet_kept = false;
         }
-        let SheetSearch { start, lowest, height, .. } = self.search;
         self.task = match self.task {
             LayerTask::Approach | LayerTask::Return { .. } if is_closed => LayerTask::Failing(SheetFault::Contact),
             LayerTask::Approach if rests_at(start) => LayerTask::Down,
             LayerTask::Down if is_closed => {
-                self.search.is_ohmic = ohmic != 0;
+                self.search.is_ohmic = closed & ohmic.inputs != 0;
                 LayerTask::Overrun
             }
             LayerTask::Down if rests_at(lowest) => LayerTask::Retreat,
             LayerTask::Retreat if rests_at(start) => LayerTask::Failing(SheetFault::NoSheet),
             LayerTask::Overrun if is_at_rest => LayerTask::Up,
             LayerTask::Up if !is_touching => {
-                let is_missed = settings.ohmic != 0 && !self.search.is_ohmic;
-                if is_missed && self.search.failed < settings.ohmic_tries {
+                let is_missed = ohmic.inputs != 0 && !self.search.is_ohmic;
+                if is_missed && self.search.failed < ohmic.tries {
                     self.search.failed += 1;
                     LayerTask::Again
                 } else {
-                    let drop = if self.search.is_ohmic { settings.ohmic_drop } else { 0 };
+                    let drop = if self.search.is_ohmic { ohmic.drop } else { 0 };
                     let sheet = layer.saturating_sub(drop);
                     (self.sheet, self.is_sheet_kept) = (Some(sheet), self.search.is_kept);
                     LayerTask::Move { target: sheet.saturating_add(height) }

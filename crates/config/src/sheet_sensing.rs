@@ -2,7 +2,7 @@
 //!
 //! Invariant: where a checked cutter senses the sheet, the moves of the layer stay within the travel of the tool axis.
 
-use retrace_link::{LayerMove, LayerSettings};
+use retrace_link::{LayerMove, LayerSettings, OhmicSensing};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -128,13 +128,9 @@ impl<'m> ToolLayer<'m> {
     #[must_use]
     pub fn settings(&self, period_s: f64) -> LayerSettings {
         let speed = |mm_per_s: f64| (mm_per_s * self.axis.pulses_per_mm * period_s * 65_536.0).round().max(1.0) as u32;
-        let bits = |inputs: &[u8]| inputs.iter().fold(0, |bits, &number| bits | 1 << number);
         LayerSettings {
             axis: self.index as u8,
-            contacts: bits(&self.sensing.contacts),
-            ohmic: bits(&self.sensing.ohmic),
-            ohmic_tries: self.sensing.ohmic_tries,
-            ohmic_drop: self.pulses(self.sensing.float_travel_mm + self.sensing.ohmic_offset_mm),
+            contacts: self.contacts().fold(0, |bits, number| bits | 1 << number),
             probe_speed: speed(self.sensing.probe_mm_per_s),
             latch_speed: speed(self.sensing.latch_mm_per_s),
         }
@@ -153,6 +149,15 @@ impl<'m> ToolLayer<'m> {
             pierce: self.pulses(pierce_mm + float_travel_mm),
             cut: self.pulses(cut_mm + float_travel_mm),
             may_skip,
+            ohmic: OhmicSensing {
+                inputs: self.sensing.ohmic.iter().fold(0, |bits, &number| bits | 1 << number),
+                tries: self.sensing.ohmic_tries,
+                drop: if self.sensing.ohmic.is_empty() {
+                    0
+                } else {
+                    self.pulses(float_travel_mm + self.sensing.ohmic_offset_mm)
+                },
+            },
         }
     }
 

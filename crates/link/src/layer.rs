@@ -13,19 +13,24 @@ pub const MAX_LAYER: u32 = 1 << 24;
 pub struct LayerSettings {
     /// The tool axis, from 0. Its counts rise away from the sheet.
     pub axis: u8,
-    /// Inputs that close when the tool is pressed on the sheet, such as that of a float switch; one bit each.
+    /// Inputs that close when the tool touches the sheet, one bit each.
     pub contacts: u16,
-    /// Inputs that close when the tip touches the sheet: ohmic contacts, one bit each. 0: none.
-    pub ohmic: u16,
-    /// Number of times that the sheet is sensed again where none of `ohmic` closes before one of `contacts`. Behind
-    /// them the sheet is where the latter opens.
-    pub ohmic_tries: u8,
-    /// Distance from the layer at which an ohmic contact opens down to the one at which the others would, in pulses.
-    pub ohmic_drop: i32,
     /// Speed toward the sheet, in units of 2⁻¹⁶ pulses per period.
     pub probe_speed: u32,
     /// Speed off the sheet, in the same unit.
     pub latch_speed: u32,
+}
+
+/// Ohmic contacts, which close when the tip touches the sheet, before the other contacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct OhmicSensing {
+    /// Those of [`LayerSettings::contacts`] that are such, one bit each. 0: none.
+    pub inputs: u16,
+    /// Number of times that the sheet is sensed again where none of them closes before another contact. Behind them the
+    /// sheet is where the latter opens.
+    pub tries: u8,
+    /// Distance from the layer at which one of them opens down to the one at which the other contacts would, in pulses.
+    pub drop: i32,
 }
 
 /// Moves of the layer in an instruction, in pulses.
@@ -45,6 +50,8 @@ pub enum LayerMove {
         /// Whether the sheet that an earlier start found counts, if nothing has happened since. What this start finds
         /// counts for no later one.
         may_skip: bool,
+        /// Its ohmic contacts.
+        ohmic: OhmicSensing,
     },
     /// Behind the switching the tool goes to this height over the sheet; where no sheet is known, to `highest`.
     OverSheet {
@@ -65,9 +72,9 @@ impl LayerMove {
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let values = match *self {
-            Self::Start { start, lowest, pierce, cut, .. } => [start, lowest, pierce, cut],
-            Self::OverSheet { height, highest } => [height, highest, 0, 0],
-            Self::To { layer } => [layer, 0, 0, 0],
+            Self::Start { start, lowest, pierce, cut, ohmic, .. } => [start, lowest, pierce, cut, ohmic.drop],
+            Self::OverSheet { height, highest } => [height, highest, 0, 0, 0],
+            Self::To { layer } => [layer, 0, 0, 0, 0],
         };
         values.iter().all(|value| value.unsigned_abs() <= MAX_LAYER)
     }

@@ -46,7 +46,7 @@ pub use cutting::{
     MAX_PULSE_US, ProofInput, RepeatedInstruction,
 };
 pub use host::{HostEndpoint, LineCounts, LinkError};
-pub use layer::{LayerMove, LayerSettings, MAX_LAYER};
+pub use layer::{LayerMove, LayerSettings, MAX_LAYER, OhmicSensing};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
 pub use outputs::{Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};

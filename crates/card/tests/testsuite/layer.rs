@@ -11,8 +11,8 @@ use retrace_core::limits::PulseLimits;
 use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
-    HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER, OutputChange, PathStart,
-    RepeatedInstruction, channel,
+    HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER, OhmicSensing,
+    OutputChange, PathStart, RepeatedInstruction, channel,
 };
 
 const TORCH: u8 = channel::SPINDLE;
@@ -25,15 +25,8 @@ const PULSE: u64 = 1 << 32;
 /// The ohmic contact, where a test uses it.
 const OHMIC: u16 = 1 << 2;
 
-const SETTINGS: LayerSettings = LayerSettings {
-    axis: Z as u8,
-    contacts: FLOAT,
-    ohmic: 0,
-    ohmic_tries: 0,
-    ohmic_drop: 0,
-    probe_speed: 4 << 16,
-    latch_speed: 1 << 14,
-};
+const SETTINGS: LayerSettings =
+    LayerSettings { axis: Z as u8, contacts: FLOAT, probe_speed: 4 << 16, latch_speed: 1 << 14 };
 
 fn layer_settings(epoch: u16) -> CardSettings<2> {
     let mut settings = settings(epoch, 0);
@@ -149,7 +142,9 @@ fn instruction(number: u32, torch: Option<i32>, layer: LayerMove) -> Instruction
     Instruction { number, changes, count, periods, keeps_cutter: true, layer: Some(layer), ..Instruction::default() }
 }
 
-const START: LayerMove = LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45, may_skip: false };
+const NO_OHMIC: OhmicSensing = OhmicSensing { inputs: 0, tries: 0, drop: 0 };
+const START: LayerMove =
+    LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45, may_skip: false, ohmic: NO_OHMIC };
 
 /// The torch is lit at the pierce height over the sheet that was found, the feed begins at the height of the cut, and
 /// the layer is 0 again at the end: to the pulse.
@@ -280,7 +275,8 @@ fn at_the_end(sheet: i64) -> Table {
 /// Starts and ends a cut at the place of the cursor; returns the lowest position in the start, before the torch is lit.
 fn cut(table: &mut Table, number: u32, may_skip: bool) -> i64 {
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let begin = instruction(number, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip });
+    let begin =
+        instruction(number, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic: NO_OHMIC });
     table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..begin }));
     table.lit_at.clear();
     let mut deepest = table.position;
@@ -368,7 +364,8 @@ fn a_contact_on_the_way_to_a_known_sheet_lights_nothing() {
     table.sheet = Some(-700);
     table.lit_at.clear();
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let start = instruction(3, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip: true });
+    let start =
+        instruction(3, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip: true, ohmic: NO_OHMIC });
     table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..start }));
     let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
     assert_eq!((off.cause, off.channels), (CutterOffCause::SheetContact, 0));
@@ -383,12 +380,15 @@ fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
     let (sheet, travel, tries) = (-900, 60, 3);
     let mut settings = layer_settings(1);
     settings.inputs[2] = InputSetting::default();
-    settings.layer = Some(LayerSettings { ohmic: OHMIC, ohmic_tries: tries, ohmic_drop: travel as i32, ..SETTINGS });
+    settings.layer = Some(LayerSettings { contacts: FLOAT | OHMIC, ..SETTINGS });
+    let ohmic = OhmicSensing { inputs: OHMIC, tries, drop: travel as i32 };
+    let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
+    let ohmic_start = LayerMove::Start { start, lowest, pierce, cut, may_skip: false, ohmic };
     // Closes at once, in the second attempt and in the last, and never.
     for closes_from in [0, 1, tries, tries + 1, u8::MAX] {
         let mut table = Table::with(Some(sheet - travel), &settings);
         table.send(HostCommand::rate(Rate::ONE / 4));
-        table.instruct(1, Some(1), START);
+        table.instruct(1, Some(1), ohmic_start);
         let (mut downs, mut was_pressed) = (0, false);
         while table.status().executed == 0 {
             table.tip = (downs >= closes_from).then_some(sheet);
@@ -408,7 +408,7 @@ fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
     let mut table = Table::with(Some(sheet - travel), &settings);
     table.tip = Some(100);
     table.send(HostCommand::rate(Rate::ONE / 4));
-    table.instruct(1, Some(1), START);
+    table.instruct(1, Some(1), ohmic_start);
     let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
     assert_eq!(off.cause, CutterOffCause::SheetContact);
     assert!(table.lit_at.is_empty());

@@ -205,19 +205,10 @@ impl<const A: usize> Opening<A> {
 
 /// Flag in the number of an axis: the settings of the layer follow.
 const HAS_LAYER: u8 = 0x80;
-/// Flag beside it: those of the ohmic contacts are the first of them.
-const HAS_OHMIC: u8 = 0x40;
 
 fn write_layer(writer: &mut ByteWriter<'_>, layer: Option<LayerSettings>) -> Option<()> {
-    let Some(layer) = layer else { return writer.u8(0) };
-    let LayerSettings { axis, contacts, ohmic, ohmic_tries, ohmic_drop, probe_speed, latch_speed } = layer;
-    let has_ohmic = if ohmic == 0 { 0 } else { HAS_OHMIC };
-    writer.u8(HAS_LAYER | has_ohmic | axis & !HAS_OHMIC)?;
-    if ohmic != 0 {
-        writer.u16(ohmic)?;
-        writer.u8(ohmic_tries)?;
-        writer.signed(i64::from(ohmic_drop))?;
-    }
+    let Some(LayerSettings { axis, contacts, probe_speed, latch_speed }) = layer else { return writer.u8(0) };
+    writer.u8(HAS_LAYER | axis)?;
     writer.u16(contacts)?;
     writer.count(u64::from(probe_speed))?;
     writer.count(u64::from(latch_speed))
@@ -230,11 +221,8 @@ fn read_layer(reader: &mut ByteReader<'_>) -> Option<Option<LayerSettings>> {
     if axis & HAS_LAYER == 0 {
         return Some(None);
     }
-    let (ohmic, ohmic_tries, ohmic_drop) =
-        if axis & HAS_OHMIC == 0 { (0, 0, 0) } else { (reader.u16()?, reader.u8()?, reader.signed32()?) };
     let (contacts, probe_speed, latch_speed) = (reader.u16()?, reader.count32()?, reader.count32()?);
-    let axis = axis & !(HAS_LAYER | HAS_OHMIC);
-    Some(Some(LayerSettings { axis, contacts, ohmic, ohmic_tries, ohmic_drop, probe_speed, latch_speed }))
+    Some(Some(LayerSettings { axis: axis & !HAS_LAYER, contacts, probe_speed, latch_speed }))
 }
 
 /// Flag in the number of channels: dry run.

@@ -5,8 +5,8 @@
 use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
-    HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OutputAction, OutputChange,
-    RepeatedInstruction,
+    HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction,
+    OutputChange, RepeatedInstruction,
 };
 use retrace_core::RecordIndex;
 
@@ -204,19 +204,28 @@ fn write_switching(
     layer.map_or(Some(()), |moves| write_layer(writer, moves))
 }
 
-/// Kind of a start that may do without sensing the sheet.
-const SKIPPING_START: u8 = 3;
+/// Flags in the kind of a start: it may do without sensing the sheet; its ohmic contacts follow.
+const MAY_SKIP: u8 = 4;
+const HAS_OHMIC: u8 = 8;
 
 fn write_layer(writer: &mut ByteWriter<'_>, moves: LayerMove) -> Option<()> {
     let (kind, values) = match moves {
-        LayerMove::Start { start, lowest, pierce, cut, may_skip } => {
-            (if may_skip { SKIPPING_START } else { 0 }, [start, lowest, pierce, cut])
+        LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic } => {
+            let flags = if may_skip { MAY_SKIP } else { 0 } | if ohmic.inputs == 0 { 0 } else { HAS_OHMIC };
+            writer.u8(flags)?;
+            [start, lowest, pierce, cut].iter().try_for_each(|&value| writer.signed(i64::from(value)))?;
+            if ohmic.inputs == 0 {
+                return Some(());
+            }
+            writer.u16(ohmic.inputs)?;
+            writer.u8(ohmic.tries)?;
+            return writer.signed(i64::from(ohmic.drop));
         }
-        LayerMove::OverSheet { height, highest } => (1, [height, highest, 0, 0]),
-        LayerMove::To { layer } => (2, [layer, 0, 0, 0]),
+        LayerMove::OverSheet { height, highest } => (1, [height, highest]),
+        LayerMove::To { layer } => (2, [layer, 0]),
     };
     writer.u8(kind)?;
-    values.iter().take(4 >> (kind % SKIPPING_START)).try_for_each(|&value| writer.signed(i64::from(value)))
+    values.iter().take(3 - usize::from(kind)).try_for_each(|&value| writer.signed(i64::from(value)))
 }
 
 /// Reads the moves of the layer, if the count of changes has their flag. Returns `None` if the bytes are invalid.
@@ -226,12 +235,17 @@ fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMov
         return Some(None);
     }
     Some(Some(match reader.u8()? {
-        kind @ (0 | SKIPPING_START) => LayerMove::Start {
+        flags if flags & !(MAY_SKIP | HAS_OHMIC) == 0 => LayerMove::Start {
             start: reader.signed32()?,
             lowest: reader.signed32()?,
             pierce: reader.signed32()?,
             cut: reader.signed32()?,
-            may_skip: kind == SKIPPING_START,
+            may_skip: flags & MAY_SKIP != 0,
+            ohmic: if flags & HAS_OHMIC == 0 {
+                OhmicSensing::default()
+            } else {
+                OhmicSensing { inputs: reader.u16()?, tries: reader.u8()?, drop: reader.signed32()? }
+            },
         },
         1 => LayerMove::OverSheet { height: reader.signed32()?, highest: reader.signed32()? },
         2 => LayerMove::To { layer: reader.signed32()? },

@@ -10,8 +10,8 @@ use retrace_link::wire::{
 use retrace_link::{
     Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
     HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
-    MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OutputAction, OutputChange, PROTOCOL, PathStart,
-    ProofInput, RepeatedInstruction,
+    MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL,
+    PathStart, ProofInput, RepeatedInstruction,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -56,13 +56,12 @@ fn instruction() -> impl Strategy<Value = Instruction> {
 }
 
 fn layer() -> impl Strategy<Value = Option<LayerMove>> {
-    let start = any::<([i32; 4], bool)>().prop_map(|([start, lowest, pierce, cut], may_skip)| LayerMove::Start {
-        start,
-        lowest,
-        pierce,
-        cut,
-        may_skip,
-    });
+    let start = (any::<([i32; 4], bool)>(), prop::option::of((1..u16::MAX, any::<u8>(), any::<i32>()))).prop_map(
+        |(([start, lowest, pierce, cut], may_skip), ohmic)| {
+            let ohmic = ohmic.map(|(inputs, tries, drop)| OhmicSensing { inputs, tries, drop }).unwrap_or_default();
+            LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic }
+        },
+    );
     let over = any::<[i32; 2]>().prop_map(|[height, highest]| LayerMove::OverSheet { height, highest });
     prop::option::of(prop_oneof![start, over, any::<i32>().prop_map(|layer| LayerMove::To { layer })])
 }
@@ -254,15 +253,7 @@ fn handshakes_are_read_back() {
         executed: 12,
         keeps_layer: true,
     };
-    settings.layer = Some(LayerSettings {
-        axis: 2,
-        contacts: 1 << 9 | 1,
-        ohmic: 1 << 3,
-        ohmic_tries: 3,
-        ohmic_drop: -77,
-        probe_speed: 1 << 17,
-        latch_speed: u32::MAX,
-    });
+    settings.layer = Some(LayerSettings { axis: 2, contacts: 1 << 9 | 1, probe_speed: 1 << 17, latch_speed: u32::MAX });
     settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
@@ -310,15 +301,7 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
         without_input.proof = None;
     }
     let [probe_speed, latch_speed] = [2000 << 16; 2];
-    settings.layer = Some(LayerSettings {
-        axis: 3,
-        contacts: u16::MAX,
-        ohmic: u16::MAX,
-        ohmic_tries: u8::MAX,
-        ohmic_drop: -(1 << 24),
-        probe_speed,
-        latch_speed,
-    });
+    settings.layer = Some(LayerSettings { axis: 3, contacts: u16::MAX, probe_speed, latch_speed });
     // kind and epoch binding besides
     let mut bytes = [0; MAX_PAYLOAD - 1];
     let mut writer = ByteWriter::new(&mut bytes);
