@@ -11,6 +11,7 @@ use crate::beam_power::BeamPowerConfig;
 use crate::card_config::CardConfig;
 use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
 use crate::jet_flow::JetFlow;
+use crate::marker_start::MarkerStart;
 use crate::numbered_error::NumberedError;
 use crate::sheet_sensing::SheetSensing;
 use crate::value_range::within;
@@ -151,6 +152,8 @@ pub(crate) struct CutterSection {
     jet: Option<JetFlow>,
     /// Power output of a beam.
     power: Option<BeamPowerConfig>,
+    /// Order of arming and marking of a scribe.
+    marker: Option<MarkerStart>,
 }
 
 /// A cutter, checked.
@@ -200,6 +203,8 @@ pub struct CutterConfig {
     pub jet: Option<JetFlow>,
     /// Its power output, if it is a beam with one.
     pub power: Option<BeamPowerConfig>,
+    /// Order of arming and marking, where the code that switches it on switches both.
+    pub marker: Option<MarkerStart>,
 }
 
 impl CutterSection {
@@ -230,6 +235,7 @@ impl CutterSection {
             restart: self.restart.unwrap_or_default(),
             jet: self.jet,
             power: self.power,
+            marker: self.marker,
         }
     }
 }
@@ -266,6 +272,7 @@ impl CutterConfig {
             restart: CutterRestart::default(),
             jet: None,
             power: None,
+            marker: None,
         }
     }
 
@@ -396,6 +403,12 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         }
         if cutter.materials.as_ref().is_some_and(|file| file.trim().is_empty()) {
             return refuse("materials is empty", "the name of a file, such as \"materials.toml\"");
+        }
+        if let Some(marker) = cutter.marker {
+            marker.check(&cutter.name)?;
+            if cutter.kind != CutterKind::Marker || cutter.arm.is_none() {
+                return refuse("`marker` without `arm`", "kind = \"marker\" and the output that arms it");
+            }
         }
         if let Some(jet) = cutter.jet {
             jet.check(&cutter.name)?;
@@ -543,9 +556,9 @@ pub(crate) fn inhibited(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
 }
 
-/// Channels that a fault switches off by default: all those of torches, jets and beams.
+/// Channels that a fault switches off by default: all those of torches, jets and beams, and of markers with `marker`.
 pub(crate) fn off_at_fault(cutters: &[CutterConfig]) -> Vec<u8> {
-    let cut = cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
+    let cut = cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest() || cutter.marker.is_some());
     cut.flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
 }
 

@@ -255,9 +255,14 @@ impl MachineConfig {
         pierce_s: Option<f64>,
         is_unwatched: bool,
     ) -> (u32, Option<InputWait>) {
-        let Some(cutter) = self.cutter_of(change.channel).filter(|cutter| cutter.kind.cuts_at_rest()) else {
-            return (0, None);
-        };
+        let Some(cutter) = self.cutter_of(change.channel) else { return (0, None) };
+        if !cutter.kind.cuts_at_rest() {
+            let marker = cutter.marker.filter(|_| change.value != 0 && !self.skips_waits());
+            return (
+                marker.map_or(0, |marker| (marker.on_ms * 1000.0 / f64::from(self.period_us)).ceil() as u32),
+                None,
+            );
+        }
         let pierce_s = pierce_s.unwrap_or(cutter.start.pierce_s);
         match (self.inhibits_outputs, change.value) {
             // its input proves nothing: it takes the time of a pierce

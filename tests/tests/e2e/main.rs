@@ -19,6 +19,7 @@ mod heights;
 mod ignored_ok;
 mod jets;
 mod jumps;
+mod markers;
 #[cfg(unix)]
 mod materials;
 mod offsets;

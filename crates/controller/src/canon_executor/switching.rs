@@ -220,6 +220,20 @@ impl<'m> CanonExecutor<'m> {
         self.execute_change(code, OutputChange { channel, value: value.abs() }, switching, line, sink)
     }
 
+    /// Arms a marker before it is switched on, or disarms it behind its switching off (CUT-21).
+    fn arm_marker<const A: usize>(
+        &self,
+        of: (&'static str, u32),
+        change: OutputChange,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let Some(cutter) = self.machine.cutter_of(change.channel) else { return Ok(()) };
+        let (Some(marker), Some(arm)) = (cutter.marker, cutter.arm) else { return Ok(()) };
+        let value = i32::from(change.value != 0);
+        let seconds = if value == 0 { 0.0 } else { marker.arm_ms / 1000.0 };
+        self.switch_auxiliary(of, OutputChange { channel: arm, value }, seconds, sink)
+    }
+
     /// Behind the opening of a jet: its abrasive, and the pierce.
     fn start_abrasive<const A: usize>(
         &mut self,
@@ -230,7 +244,7 @@ impl<'m> CanonExecutor<'m> {
     ) -> Result<(), CanonError> {
         let Some((cutter, abrasive)) = self.jet_with_abrasive(fire) else { return Ok(()) };
         let pierce_s = self.material.as_ref().map_or(cutter.start.pierce_s, |material| material.pierce_delay_s);
-        self.switch_abrasive((code, line), OutputChange { channel: abrasive, value: 1 }, pierce_s, sink)
+        self.switch_auxiliary((code, line), OutputChange { channel: abrasive, value: 1 }, pierce_s, sink)
     }
 
     /// Before a jet is closed: its abrasive off, and water alone.
@@ -243,7 +257,7 @@ impl<'m> CanonExecutor<'m> {
     ) -> Result<(), CanonError> {
         let Some((cutter, abrasive)) = self.jet_with_abrasive(fire) else { return Ok(()) };
         let purge_s = cutter.jet.map_or(0.0, |jet| jet.purge_s);
-        self.switch_abrasive((code, line), OutputChange { channel: abrasive, value: 0 }, purge_s, sink)
+        self.switch_auxiliary((code, line), OutputChange { channel: abrasive, value: 0 }, purge_s, sink)
     }
 
     /// The jet that this channel opens, and its abrasive, where the same code switches both.
@@ -252,7 +266,7 @@ impl<'m> CanonExecutor<'m> {
         Some((cutter, cutter.abrasive?))
     }
 
-    fn switch_abrasive<const A: usize>(
+    fn switch_auxiliary<const A: usize>(
         &self,
         of: (&'static str, u32),
         change: OutputChange,
@@ -411,6 +425,8 @@ impl<'m> CanonExecutor<'m> {
         let was_lit = self.cutters.is_lit(self.machine, change.channel);
         if change.value == 0 && was_lit && switching.class == CodeClass::Exclusive {
             self.purge(code, change.channel, line, sink)?;
+        } else if change.value != 0 && !was_lit {
+            self.arm_marker((code, line), change, sink)?;
         }
         let layer = match switching.class {
             CodeClass::Exclusive => self.layer_moves(change)?,
@@ -423,6 +439,9 @@ impl<'m> CanonExecutor<'m> {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),
             (CodeClass::Exclusive, _) => self.exclusive((code, line), &[change], switching, layer, sink)?,
+        }
+        if change.value == 0 && was_lit {
+            return self.arm_marker((code, line), change, sink);
         }
         if change.value == 0 || was_lit || switching.class == CodeClass::Synchronous {
             return Ok(());
