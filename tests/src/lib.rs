@@ -5,6 +5,7 @@
 
 pub mod command;
 pub mod cut_judge;
+pub mod cut_part;
 pub mod cutter_observer;
 pub mod json_page;
 pub mod limits;

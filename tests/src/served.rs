@@ -61,6 +61,16 @@ impl ServedCard {
         bench.retrace(usual.iter().chain(arguments))
     }
 
+    /// Homes every axis of the machine file `m.toml`; returns the output of the command.
+    ///
+    /// # Errors
+    /// The same, where it is not homed.
+    pub fn home(&self, bench: &Bench) -> Result<String, String> {
+        let homed = bench.retrace(["home", "--card", &self.port, "--machine", "m.toml", "--json"]);
+        let told = format!("--- home: {:?}\n{}{}\n", homed.code, homed.out, homed.err);
+        if homed.code == Some(0) { Ok(told) } else { Err(told) }
+    }
+
     /// Sends a line to its standard input, which operates the machine manually.
     ///
     /// # Panics

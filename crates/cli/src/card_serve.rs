@@ -62,6 +62,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
     }
     say!("{}", pty.path().display());
     let end = ServeEnd {
+        is_powered: Cell::new(true),
         after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
         at_eof: args.until_eof,
         is_plugged_in: Cell::new(true),
@@ -118,15 +119,30 @@ struct ServeEnd {
     lines: Receiver<String>,
     /// Whether the cable of the line is plugged in.
     is_plugged_in: Cell<bool>,
+    /// Whether the card is switched on.
+    is_powered: Cell<bool>,
 }
 
 impl ServeEnd {
+    /// Whether bytes pass between host and card.
+    const fn is_connected(&self) -> bool {
+        self.is_plugged_in.get() && self.is_powered.get()
+    }
+
+    /// Switches the card off, which loses its state, or on: it starts as another boot, and without a position.
+    fn set_power<const A: usize>(&self, rig: &mut CardSimulator<A>, is_on: bool) {
+        if self.is_powered.replace(is_on) != is_on && !rig.restart(linked_card::nonce()) {
+            eprintln!("the simulated card cannot be started again");
+        }
+    }
+
     /// Executes the lines from standard input. Returns whether serving ends.
     fn poll_end<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
         let ended = loop {
             match self.lines.try_recv() {
                 Ok(line) => match ManualInput::read(&line, inputs) {
                     Ok(Some(ManualInput::Cable { is_in })) => self.is_plugged_in.set(is_in),
+                    Ok(Some(ManualInput::Power { is_on })) => self.set_power(rig, is_on),
                     Ok(deed) => deed.into_iter().for_each(|deed| deed.apply(rig)),
                     Err(why) => eprintln!("{why}"),
                 },
@@ -185,14 +201,14 @@ impl ServeCounters {
             let lost = |error| serve_error(format!("the pseudo-terminal failed: {error}"), "start the command again");
             let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
             // The bytes arrived since the last poll; the card receives them from there on.
-            if end.is_plugged_in.get() {
+            if end.is_connected() {
                 rig.send(&bytes[..count]);
             }
             rig.run(self.now_us(rig));
             loop {
                 match rig.receive(&mut bytes) {
                     0 => break,
-                    count if end.is_plugged_in.get() => self.pty.write(&bytes[..count]).map_err(lost)?,
+                    count if end.is_connected() => self.pty.write(&bytes[..count]).map_err(lost)?,
                     _ => {}
                 }
             }

@@ -8,7 +8,7 @@ use retrace_link::{InputSetting, InputUse};
 /// Syntax of the lines.
 const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
     probe`, `press breakaway`, \
-    `input 5 on`, `input 5 off`, `unplug`, `plug in`";
+    `input 5 on`, `input 5 off`, `unplug`, `plug in`, `power off`, `power on`";
 
 /// Manual input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +21,8 @@ pub enum ManualInput {
     Input { number: u8, active: bool },
     /// Pulls the cable of the line out, or plugs it in: what is sent meanwhile is lost in both directions.
     Cable { is_in: bool },
+    /// Switches the card off or on: its state and position are lost, and the machine stays where it is.
+    Power { is_on: bool },
 }
 
 impl ManualInput {
@@ -53,11 +55,12 @@ impl ManualInput {
             }
             ["unplug"] => Self::Cable { is_in: false },
             ["plug", "in"] => Self::Cable { is_in: true },
+            ["power", state @ ("on" | "off")] => Self::Power { is_on: state == "on" },
             _ => return Err(wrong()),
         }))
     }
 
-    /// Applies it to the machine; a cable is none of its parts.
+    /// Applies it to the machine; cable and power are none of its parts.
     pub fn apply<const A: usize>(self, rig: &mut CardSimulator<A>) {
         let now_us = rig.now_us();
         let machine = rig.machine();
@@ -65,7 +68,7 @@ impl ManualInput {
             Self::Wheel { counts_per_s, for_us } => machine.turn_wheel_for(now_us, counts_per_s, for_us),
             Self::Notch(counts) => machine.turn_wheel(counts),
             Self::Input { number, active } => machine.set_input(number, active),
-            Self::Cable { .. } => {}
+            Self::Cable { .. } | Self::Power { .. } => {}
         }
     }
 }
@@ -108,6 +111,8 @@ mod tests {
         assert_eq!(read("press breakaway"), Some(ManualInput::Input { number: 7, active: true }));
         assert_eq!(read("unplug"), Some(ManualInput::Cable { is_in: false }));
         assert_eq!(read("plug in"), Some(ManualInput::Cable { is_in: true }));
+        assert_eq!(read("power off"), Some(ManualInput::Power { is_on: false }));
+        assert_eq!(read("power on"), Some(ManualInput::Power { is_on: true }));
         assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [

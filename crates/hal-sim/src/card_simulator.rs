@@ -66,6 +66,7 @@ pub struct SimulationFaults {
 /// A simulated card with everything connected to it.
 pub struct CardSimulator<const A: usize> {
     card: Box<SimLinkedCard<A>>,
+    serial: u32,
     machine: Plant<A>,
     pins: Pins<A>,
     up: SerialChannel,
@@ -96,6 +97,7 @@ impl<const A: usize> CardSimulator<A> {
     pub fn new(settings: &CardSimulatorSettings) -> Option<Self> {
         Some(Self {
             card: Box::new(SimLinkedCard::with_records(identity::<A>(settings.serial, settings.boot), records())?),
+            serial: settings.serial,
             machine: Plant::new(&settings.machine),
             pins: Pins::default(),
             up: SerialChannel::new(&settings.up),
@@ -228,6 +230,21 @@ impl<const A: usize> CardSimulator<A> {
     pub fn reconnect(&mut self, leftover: InFlightPolicy) {
         self.up.reconnect(self.now_ns, leftover);
         self.down.reconnect(self.now_ns, leftover);
+    }
+
+    /// Switches the card off and on again, now: its state, its position and the bytes in flight are lost. The machine
+    /// stays where it is, and what was cut stays cut. `boot` distinguishes this start from others. Returns false where
+    /// the card cannot be created.
+    pub fn restart(&mut self, boot: u32) -> bool {
+        let identity = identity::<A>(self.serial, boot);
+        let Some(card) = SimLinkedCard::with_records(identity, records()) else { return false };
+        *self.card = card;
+        self.reconnect(InFlightPolicy::Lost);
+        self.more_at = None;
+        self.due_ns = self.now_ns + IDLE_PERIOD_NS;
+        self.pins.power_off();
+        self.compared = CountChecker::new(self.pins.positions().map(|position| -position));
+        true
     }
 
     /// The report of the last period, as the card has it.

@@ -65,6 +65,12 @@ impl<const A: usize> Pins<A> {
         fits
     }
 
+    /// Ends all edges: the card is off. The positions of the axes stay.
+    pub fn power_off(&mut self) {
+        (self.timing, self.outputs, self.backward) = (None, None, [false; A]);
+        self.edges.clear();
+    }
+
     /// The last period's edges in order of their time.
     pub fn edges(&mut self) -> &[PinEdge] {
         self.edges.sort_by_key(|edge| edge.tick);

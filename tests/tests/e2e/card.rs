@@ -56,6 +56,28 @@ fn a_line_with_faults_changes_nothing_but_the_time() {
     assert_eq!((&summary["counted"], &summary["periods_apart"]), (&summary["counts"], &0.into()));
 }
 
+#[test]
+fn a_card_that_is_switched_off_loses_its_position_and_the_machine_keeps_it() {
+    let bench = Bench::new();
+    bench.file("square.ngc", SQUARE);
+    let mut served = ServedCard::with(&[]);
+    let begun = report(&served.run(&bench, "square.ngc"));
+    let before = served.identify(&bench);
+    assert_eq!((&begun["outcome"], &before["counts"][0]), (&"completed".into(), &1000.into()));
+    served.operate("power off");
+    std::thread::sleep(Duration::from_millis(100));
+    served.operate("power on");
+    std::thread::sleep(Duration::from_millis(100));
+    let after = served.identify(&bench);
+    assert_eq!((&after["counts"][0], &after["serial"]), (&0.into(), &before["serial"]));
+    assert_ne!(after["boot"], before["boot"]);
+    let again = report(&served.run(&bench, "square.ngc"));
+    assert_eq!(again["position_counts"]["x"], 1000);
+    let summary = served.end();
+    assert_eq!((&summary["counts"][0], &summary["counted"][0]), (&1000.into(), &2000.into()), "{summary}");
+    assert_eq!(summary["periods_apart"], 0, "{summary}");
+}
+
 /// A host that runs a long program on the card.
 fn long_job(bench: &Bench, served: &ServedCard) -> Child {
     let program = bench.file("long.ngc", "G21 G90\nG1 X1000 F1200\nM2\n");
