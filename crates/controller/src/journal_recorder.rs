@@ -1,8 +1,8 @@
 //! Selects from the telemetry what goes into the journal: every event, and positions at sufficient intervals.
 //!
-//! Invariant: a position is recorded once per second of machine time, a tenth of a second after the machine has come to
-//! rest, with every change of the mode, of the hold reason and of the completed instructions, and at the end. Positions
-//! off the path are never recorded.
+//! Invariant: a position is recorded once per second of machine time, or every 0.8 s while a cutter burns, a tenth of a
+//! second after the machine has come to rest, with every change of the mode, of the hold reason and of the completed
+//! instructions, and at the end. Positions off the path are never recorded.
 
 use retrace_config::{ChannelNames, NumberedError};
 use retrace_core::{Distance, Place, RecordIndex};
@@ -31,8 +31,14 @@ impl<const A: usize> JournalRecorder<A> {
     #[must_use]
     pub fn new(journal: &JournalWriter, axes: usize, period_us: u32) -> Self {
         let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
-        let sampler =
-            PositionSampler { second: periods(1000), tenth: periods(100), recorded: None, last: None, rest: None };
+        let sampler = PositionSampler {
+            second: periods(1000),
+            cutting: periods(800),
+            tenth: periods(100),
+            recorded: None,
+            last: None,
+            rest: None,
+        };
         Self {
             journal: journal.event_writer(),
             axes: axes.min(A),
@@ -168,6 +174,9 @@ struct PositionSampler<const A: usize> {
     /// Number of periods in a second, and in a tenth of one.
     second: u64,
     tenth: u64,
+    /// Number of periods between positions while a cutter burns: at most a second of the cut is unknown once the
+    /// position is durable (CUT-46), so that a fifth of it is left for the way to the disk.
+    cutting: u64,
     /// The period that was recorded last.
     recorded: Option<PeriodRecord<A>>,
     /// The last period.
@@ -190,10 +199,11 @@ impl<const A: usize> PositionSampler<A> {
         }
         self.last = Some(*period);
         let since = |then: u64| period.period.saturating_sub(then);
+        let longest = if period.cut_from.is_some() { self.cutting } else { self.second };
         let is_due = self.recorded.is_none_or(|kept| {
             let state = |of: &PeriodRecord<A>| (of.mode, of.hold_reason, of.executed);
             let has_returned = period.reached.is_before(kept.reached);
-            has_returned || state(&kept) != state(period) || since(kept.period) >= self.second
+            has_returned || state(&kept) != state(period) || since(kept.period) >= longest
         });
         if !is_due && self.rest.is_none_or(|rest| since(rest) < self.tenth) {
             return None;
@@ -219,7 +229,7 @@ mod tests {
     use retrace_core::Rate;
 
     fn often() -> PositionSampler<1> {
-        PositionSampler { second: 1000, tenth: 100, recorded: None, last: None, rest: None }
+        PositionSampler { second: 1000, cutting: 800, tenth: 100, recorded: None, last: None, rest: None }
     }
 
     fn period(number: u64) -> PeriodRecord<1> {
@@ -263,6 +273,13 @@ mod tests {
     fn once_a_second_and_at_the_end() {
         assert_eq!(kept((1..=2500).map(period)), [1, 1001, 2001, 2500]);
         assert_eq!(kept((1..=1001).map(period)), [1, 1001], "the last one is not kept twice");
+    }
+
+    #[test]
+    fn more_often_while_a_cutter_burns() {
+        let burns = |n: u64| (400..2200).contains(&n).then(|| Place::start_of(RecordIndex::new(400)));
+        let periods = (1..=3500).map(|n| PeriodRecord { cut_from: burns(n), ..period(n) });
+        assert_eq!(kept(periods), [1, 801, 1601, 2601, 3500]);
     }
 
     #[test]
