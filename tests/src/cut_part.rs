@@ -20,7 +20,8 @@ pub const JUDGED: JudgedMachine = JudgedMachine {
     has_lead_ins: false,
 };
 
-/// The material of a torch that senses. Its heights are equal: the judge knows the pierce, and not the way to the height of the cut.
+/// The material of a torch that senses. Its heights are equal: the judge knows the pierce, and not the way to the
+/// height of the cut.
 pub const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 0\n\
     pierce_height_mm = 3\npierce_delay_s = 0.2\ncut_height_mm = 3\nfeed_mm_per_min = 1800\n";
 const SENSE: &str = "materials = \"materials.toml\"\nsense = { contacts = [9], sheet_mm = -20, start_mm = 5, \

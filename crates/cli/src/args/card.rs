@@ -16,8 +16,8 @@ pub enum Card {
             line:\n  wheel -120 for 2s     turn the handwheel, \
         in counts per second; `wheel -7` turns it by 7 counts at once\n  press door            also emergency-stop, \
         probe\n  release door\n  input 5 on            an input, by its number\n  unplug                pulls \
-        the cable of the line; also `plug in`\n  power off             switches the card off, which loses its state; also `power \
-        on`\n\nExamples:\n  retrace card serve \
+        the cable of the line; also `plug in`\n  power off             switches the card off, which loses its \
+        state; also `power on`\n\nExamples:\n  retrace card serve \
         --pty --link my-card --vcd my-card.vcd\n  \
         retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc \
         --card my-card"
