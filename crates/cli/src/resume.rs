@@ -394,6 +394,8 @@ impl ResumeStep<'_> {
         let (origin, executed) = (job.origin, job.executed);
         let began_within = journaled_job::start_point(&job.arguments);
         let cut = self.record.cut_ranges().clone();
+        // a card that is still there executes the instruction itself
+        let begun_start = self.record.begun_start().filter(|_| !self.by_card.get());
         Ok(ResumePoint {
             start,
             origin,
@@ -406,6 +408,7 @@ impl ResumeStep<'_> {
             lengths,
             cut_ends,
             cut,
+            begun_start,
         })
     }
 

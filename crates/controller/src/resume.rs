@@ -50,6 +50,9 @@ pub struct ResumePoint {
     pub cut_ends: Vec<ResumedCutEnd>,
     /// What was cut of the path (CUT-26).
     pub cut: RecordRanges,
+    /// The cutter on this channel was being lit at `start.reached` by its own instruction, and may have cut since: the
+    /// instruction counts as executed, and the cutter pierces again before it starts in motion in a kerf.
+    pub begun_start: Option<u8>,
 }
 
 /// Place up to which a cutter has certainly cut in the job that is resumed.
@@ -83,6 +86,7 @@ impl ResumePoint {
             lengths: Vec::new(),
             cut_ends: Vec::new(),
             cut: RecordRanges::default(),
+            begun_start: None,
         }
     }
 }
@@ -244,6 +248,8 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     at: &'s ResumePoint,
     /// Place up to which everything is replayed.
     place: RecordIndex,
+    /// Number of the last instruction that counts as executed.
+    executed: u32,
     sum: [i64; A],
     /// Modal state that is in force there.
     active: Option<Box<ActiveCodes>>,
@@ -263,8 +269,8 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         mm_per_pulse: [f64; A],
         switched: ReplayedSwitching<'s, 'r, A>,
     ) -> Self {
-        let place = at.origin;
-        Self { streamer, at, place, sum: counts, active: None, counts: None, line: 0, mm_per_pulse, switched }
+        let (place, executed) = (at.origin, at.start.executed);
+        Self { streamer, at, place, executed, sum: counts, active: None, counts: None, line: 0, mm_per_pulse, switched }
     }
 
     /// Length of the path back from where it was left to `oldest`, mm. It ends at the first record whose line
@@ -306,7 +312,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         }
         self.streamer.seek_place(start.place.record);
         let rests = start.place.fraction == 0 && self.streamer.is_at_rest_before(start.place.record);
-        let start = PathStart { rests, ..start };
+        let start = PathStart { rests, executed: self.executed, ..start };
         if let Some(active) = self.active.take() {
             self.streamer.requeue_active_codes(active);
         }
@@ -329,7 +335,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
 
     /// Replays what is planned by now. Returns true at the end.
     fn replay_planned(&mut self) -> Result<bool, ResumeError> {
-        let (reached, executed) = (self.at.start.reached, self.at.start.executed);
+        let reached = self.at.start.reached;
         self.streamer.poll_planner();
         if let Some(Err(difference)) = self.streamer.marks() {
             return Err(ResumeError::Differs(difference.clone()));
@@ -341,7 +347,10 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         {
             let number = self.streamer.instruction_number();
             self.advance_to(place);
-            if number_is_before(executed, number) {
+            if place == reached && self.is_begun_start(number) {
+                self.executed = number;
+            }
+            if number_is_before(self.executed, number) {
                 if place == reached {
                     break;
                 }
@@ -354,7 +363,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         if self.streamer.next_exclusive().is_none_or(|place| !place.is_before(limit)) {
             self.advance_to(limit);
         }
-        let next = self.streamer.instruction_number();
+        let (next, executed) = (self.streamer.instruction_number(), self.executed);
         // Instructions up to `reached` were executed before the record there.
         if self.place == reached && reached.is_before(known) && !number_is_before(executed, next) {
             return Err(ResumeError::Instruction { number: next, place: self.streamer.next_exclusive() });
@@ -376,6 +385,13 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             Some(at) if is_there => Err(ResumeError::ProgramEnds { at }),
             _ => Ok(false),
         }
+    }
+
+    /// Whether the pending instruction, the first that is not executed, had begun to light a cutter.
+    fn is_begun_start(&self, number: u32) -> bool {
+        let channel = self.at.begun_start.filter(|_| number == self.at.start.executed.wrapping_add(1));
+        let next = self.streamer.sent_instruction();
+        channel.is_some_and(|channel| next.is_some_and(|next| next.switches_on(channel)))
     }
 
     /// Advances to `place`: sums the records up to there, and passes the items before it.

@@ -60,6 +60,39 @@ pub struct JobRecord {
     interrupted_cut: Option<InterruptedCut>,
     /// What was cut.
     cut: RecordRanges,
+    /// The start of a cutter whose completion is not recorded.
+    begun_start: Option<BegunStart>,
+}
+
+/// An instruction that lights a cutter, from its begin until its completion is recorded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct BegunStart {
+    record: RecordIndex,
+    /// Channel that fires the cutter, once it is lit.
+    channel: Option<u8>,
+    /// Whether it is complete, which the next position has as well.
+    is_complete: bool,
+}
+
+impl BegunStart {
+    /// The start that is begun after this event, if there was this one before.
+    fn after(before: Option<Self>, event: &Value) -> Option<Self> {
+        let record = || event["record"].as_u64().and_then(|number| u32::try_from(number).ok()).map(RecordIndex::new);
+        let is_lit = || ["igniting", "piercing", "cutting"].iter().any(|state| event["state"] == **state);
+        match event["event"].as_str() {
+            Some("switching") => Some(Self { record: record()?, channel: None, is_complete: false }),
+            Some("switched") => before.map(|start| Self { is_complete: true, ..start }),
+            Some("cutter_state") if is_lit() => {
+                let channel = event["channel"].as_u64().and_then(|number| u8::try_from(number).ok());
+                let is_here = |start: &Self| record() == Some(start.record) && start.channel.is_none();
+                before.map(|start| if is_here(&start) { Self { channel, ..start } } else { start })
+            }
+            // tried in vain: nothing is pierced, or the kerf is longer
+            Some("cutter_off") if event["reason"] == "not_started" => None,
+            Some("restart_switched" | "cut_continued") => None,
+            _ => before,
+        }
+    }
 }
 
 /// A cut that was interrupted and not continued.
@@ -138,6 +171,7 @@ impl JobRecord {
             lengths: Vec::new(),
             interrupted_cut: None,
             cut: RecordRanges::default(),
+            begun_start: None,
         }
     }
 
@@ -164,9 +198,11 @@ impl JobRecord {
             JournalEntry::Position(at) => {
                 self.last_position = LastPosition { start: at.start(), counts: at.counts.clone() };
                 at.cut.iter().for_each(|&[begin, end]| self.cut.insert(begin, end));
+                self.begun_start = self.begun_start.filter(|start| !start.is_complete && at.reached == start.record);
                 self.at = Some(*at);
             }
             JournalEntry::Event(event) => {
+                self.begun_start = BegunStart::after(self.begun_start, &event);
                 if event["event"] == "alarm" {
                     self.alarm = Some(event);
                 } else if let Some(cut) = interrupted_cut(&event) {
@@ -202,11 +238,21 @@ impl JobRecord {
     pub fn certain_cut_end(&self, channel: u8) -> Option<Place> {
         let interrupted = self.interrupted_cut.filter(|cut| cut.channel == channel).map(|cut| cut.place);
         let at = self.at.as_ref();
+        if interrupted.is_none() && self.begun_start() == Some(channel) {
+            return Some(Place::start_of(self.last_position.start.reached));
+        }
         interrupted.or_else(|| at.filter(|at| at.is_cutting_with(channel)).map(|at| at.place)).or_else(|| {
             // Outside of normal run, and in a hold, it ended where normal run came to rest.
             let at = at.filter(|at| at.mode != Mode::Run || at.at_rest)?;
             (at.reached != self.job.origin).then(|| Place::start_of(at.reached - 1))
         })
+    }
+
+    /// Channel of the cutter whose own instruction was begun at the furthest place and lit it, if the journal ends
+    /// before its completion: whether the sheet is pierced, or a kerf begins there, is not known.
+    #[must_use]
+    pub fn begun_start(&self) -> Option<u8> {
+        self.begun_start.filter(|start| start.record == self.last_position.start.reached)?.channel
     }
 
     /// What was cut of the path. A cut that goes on after the last position is up to one second longer.
@@ -476,6 +522,28 @@ mod tests {
             .map(|range| range.map(RecordIndex::number))
             .collect();
         assert_eq!(ranges, [[20, 40], [50, 60], [62, 64]]);
+    }
+
+    #[test]
+    fn a_start_is_begun_until_its_completion_is_recorded() {
+        let event = |event: &str, record: u32, more: &str| {
+            let more_key = if event == "cutter_off" { "reason" } else { "state" };
+            JournalEntry::Event(json!({"event": event, "record": record, "channel": 3, more_key: more}))
+        };
+        let begun =
+            |entries: &[&JournalEntry]| read(entries.iter().map(|&entry| entry.clone()).collect()).begun_start();
+        let (here, switching, lit) = (&at(20), &event("switching", 21, ""), &event("cutter_state", 21, "igniting"));
+        let switched = &event("switched", 21, "");
+        assert_eq!(begun(&[here, switching]), None, "nothing is lit");
+        assert_eq!(begun(&[here, switching, lit]), Some(3));
+        assert_eq!(begun(&[switching, here, lit, here]), Some(3), "positions of the instruction before it");
+        assert_eq!(begun(&[here, switching, lit, switched]), Some(3), "the position of its completion is missing");
+        assert_eq!(begun(&[here, switching, lit, switched, here]), None);
+        assert_eq!(begun(&[here, switching, lit, &at(30)]), None, "it has moved on");
+        assert_eq!(begun(&[here, switching, lit, &resumed(20)]), None, "another place");
+        let failed = &event("cutter_off", 21, "not_started");
+        assert_eq!(begun(&[here, switching, lit, failed]), None);
+        assert_eq!(begun(&[here, &event("restart_switching", 21, ""), lit]), None, "its instruction was complete");
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
 use retrace_tests::cut_judge::{JudgedMachine, judge_served};
+use retrace_tests::cut_part::{self, MachineKind};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 
@@ -168,4 +169,49 @@ fn a_cut_is_resumed_after_a_collision_and_after_an_emergency_stop() {
         let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &JUDGED);
         assert!(verdict.is_good(), "{what}: {verdict:?}");
     }
+}
+
+/// The power fails soon after the pierce, and the end of the pierce is not in the journal: nobody knows whether the
+/// sheet is pierced, or cut. The torch pierces again; over the kerf no arc strikes, and then it starts in motion.
+#[test]
+fn a_cut_is_resumed_whose_pierce_was_not_recorded_when_the_power_failed() {
+    let bench = Bench::new();
+    let machine = cut_part::machine(MachineKind { senses: false, homes: true });
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &machine), ("s.op", "after 6s recover\nafter 6s recover\n")]
+    {
+        bench.file(name, text);
+    }
+    let whole = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
+    let _ = Run::of(&bench, std::path::Path::new("part.ngc"), &whole);
+    let vcd = bench.path("pins.vcd").display().to_string();
+    let file = bench.path("m.toml").display().to_string();
+    let mut card = ServedCard::with(&["--machine", &file, "--vcd", &vcd, "--speed", &SPEED.to_string()]);
+    card.home(&bench).expect("it is homed");
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let mut host = bench.start(&run, Stdio::null(), "killed.txt");
+    while !std::fs::read_to_string(bench.path("killed.txt")).is_ok_and(|told| told.contains("\"cutting\"")) {
+        assert!(host.try_wait().expect("a child").is_none(), "it ends before it cuts");
+        thread::sleep(Duration::from_millis(1));
+    }
+    thread::sleep(Duration::from_millis(60));
+    card.operate("power off");
+    host.kill().expect("it is killed");
+    host.wait().expect("it ends");
+    let mut jobs = std::fs::read_dir(bench.path("state/retrace/jobs")).expect("a folder of jobs");
+    let journal = jobs.next().expect("a job").expect("a job").path().join("journal");
+    let text = std::fs::read_to_string(&journal).expect("a journal");
+    let is_end = |line: &&str| line.contains("\"M3\"") && line.contains("\"switched\"");
+    let end = text.lines().find(is_end).expect("the pierce is complete");
+    let durable = &text[..text.find(end).expect("it is a part of it")];
+    std::fs::write(&journal, durable).expect("a cut journal");
+    card.operate("power on");
+    thread::sleep(Duration::from_millis(100));
+    card.home(&bench).expect("it is homed again");
+    let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "s.op"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    let (pierces, moves) = (resumed.out.find("not_started"), resumed.out.find("cut_continued"));
+    assert!(pierces.is_some() && pierces < moves, "{}", resumed.out);
+    let _ = card.end();
+    let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED);
+    assert!(verdict.is_good(), "{verdict:?}\n{}", resumed.out);
 }

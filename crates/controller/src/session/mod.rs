@@ -283,6 +283,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.mode_controller = ModeController::rejoining();
         self.stats = RunStats::new(at.start.reached);
         self.restore_cut_end(&at.cut_ends, at.start.reached);
+        self.recovery.pierces_first = at.begun_start.is_some();
         // Before anything moves in the work, its tool has to turn; cutters are lit only at the furthest place.
         let cutting = std::mem::take(&mut self.config.fire_channels);
         self.begin_restart(|channel| !cutting.contains(&channel));

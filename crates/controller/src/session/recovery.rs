@@ -38,6 +38,9 @@ pub(super) struct CutRecovery {
     continues_when_rejoined: bool,
     /// Whether the rest of the contour is passed with the torch off: it is cut, and over a kerf no arc strikes.
     pub(super) passes_kerf: bool,
+    /// Whether the next start pierces: the sheet may not be pierced where the cut begins. Over a kerf no arc strikes,
+    /// and the start after it is one in motion.
+    pub(super) pierces_first: bool,
     /// Where *cut* was refused because everything is cut already.
     pub(super) refused_at: Option<Place>,
     /// Where the next start of the cutter lies, and how it leads in.
@@ -56,6 +59,7 @@ impl CutRecovery {
             latch: None,
             continues_when_rejoined: false,
             passes_kerf: false,
+            pierces_first: false,
             refused_at: None,
             lead: Lead::default(),
             kerf_search: None,
@@ -291,7 +295,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Ok(());
         }
         self.recovery.returning = None;
-        self.execute_again(start)
+        let pierces = self.recovery.pierces_first && start == CutStart::Usual;
+        self.execute_again(if pierces { CutStart::Pierce } else { start })
     }
 
     fn execute_again(&mut self, start: CutStart) -> Result<(), CardError> {
@@ -342,6 +347,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.begin_kerf_search(channel, join);
         }
         self.recovery.chosen_start = Some(start);
+        self.recovery.pierces_first = false;
         let state = self.mode_controller.state();
         self.mode_controller = ModeController::with_state(ModeState {
             mode: Mode::AwaitOutputs,
