@@ -136,6 +136,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 8,
     },
     Campaign {
+        name: "power-cuts",
+        purpose: "power failures in a cut, host and card gone and the tail of the journal missing: the end of the cut \
+            is known within a second, and the part is whole",
+        test: ["retrace-tests", "power_cuts", ""],
+        asked: BY_SEED,
+        full: 120,
+        slice: 12,
+    },
+    Campaign {
         name: "starts",
         purpose: "cutters whose attempts fail with a probability: three attempts at most, as many starts without an \
             arc as the cube of it, and no feed before a start is complete",
