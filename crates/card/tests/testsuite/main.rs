@@ -9,5 +9,6 @@ mod epochs;
 mod layer;
 mod order;
 mod permit;
+mod permit_phases;
 mod pulses;
 mod settings;
