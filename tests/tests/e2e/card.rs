@@ -78,6 +78,41 @@ fn a_card_that_is_switched_off_loses_its_position_and_the_machine_keeps_it() {
     assert_eq!(summary["periods_apart"], 0, "{summary}");
 }
 
+fn signal(process: &Child, name: &str) {
+    let sent = Command::new("kill").args([format!("-{name}"), process.id().to_string()]).status();
+    assert!(sent.is_ok_and(|status| status.success()), "{name}");
+}
+
+/// The card reports late that it homes an axis: until then it is at rest, as it is when it has homed the axis. The alarm
+/// that the host was silent ends the homing, and is not taken for the switch.
+#[test]
+fn an_axis_is_homed_when_the_card_has_found_its_switch_however_late_it_reports() {
+    let bench = Bench::new();
+    let machine = "[[axis]]\nname = \"x\"\npulses_per_mm = 100\nmax_velocity_mm_per_s = 100\n\
+                   max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-50, 100]\n\
+                   home = { switch = \"lower\", position_mm = -40, search_mm_per_s = 10, latch_mm_per_s = 5 }\n[card]\nwatchdog_ms = 2000\n\
+                   [[card.input]]\nnumber = 0\nuse = \"home\"\naxis = \"x\"\n";
+    let machine = bench.file("m.toml", machine).display().to_string();
+    for is_silent in [true, false] {
+        let served = ServedCard::with(&["--machine", &machine, "--faults", "latency-us=150000"]);
+        let arguments = ["home", "--card", &served.port, "--machine", "m.toml", "--json"];
+        let mut host = bench.start(&arguments, Stdio::null(), "home.txt");
+        if is_silent {
+            // in the way of X to its switch
+            std::thread::sleep(Duration::from_millis(1600));
+            signal(&host, "STOP");
+            std::thread::sleep(Duration::from_millis(2500));
+            signal(&host, "CONT");
+        }
+        let code = host.wait().expect("it ends").code();
+        let told = std::fs::read_to_string(bench.path("home.txt")).unwrap_or_default();
+        assert_eq!(code, Some(if is_silent { 3 } else { 0 }), "{told}");
+        let summary = served.end();
+        let [count, counted] = ["counts", "counted"].map(|key| summary[key][0].as_i64().expect("a count"));
+        assert!(is_silent || (count + 4000).abs() <= 20 && (count - counted).abs() <= 1, "{told} {summary}");
+    }
+}
+
 /// A host that runs a long program on the card.
 fn long_job(bench: &Bench, served: &ServedCard) -> Child {
     let program = bench.file("long.ngc", "G21 G90\nG1 X1000 F1200\nM2\n");

@@ -28,6 +28,9 @@ use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender}
 /// Periods within which a card has accepted a command and reported it.
 const RESPONSE_PERIODS: u32 = 3 * REPORT_LATENCY_PERIODS;
 
+/// Periods within which a card has begun to home an axis and reported it, however late its reports are.
+const MAX_BEGIN_PERIODS: u32 = 100 * REPORT_LATENCY_PERIODS;
+
 /// Result of a task.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTaskDone {
@@ -252,13 +255,20 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             .send(HostCommand::Home(homing))
             .map_err(|why| no_home(format!("the card does not home axis {name}: {why:?}")))?;
         let settled = if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 };
-        let mut stood = 0;
+        // Until the card reports that it moves, its reports are older than the command.
+        let (mut stood, mut waited, mut has_begun) = (0, 0, false);
         while stood < settled {
             self.run_period()?;
             if self.stopped {
                 let _ = self.card.send(HostCommand::rate(Rate::ZERO));
             }
-            stood = if self.card.status().at_rest { stood + 1 } else { 0 };
+            let at_rest = self.card.status().at_rest;
+            has_begun |= !at_rest;
+            stood = if at_rest && has_begun { stood + 1 } else { 0 };
+            waited += u32::from(!has_begun);
+            if waited > MAX_BEGIN_PERIODS {
+                return Err(no_home(format!("the card does not begin to home axis {name}")).into());
+            }
         }
         // The count was set: a path begins there.
         self.begin()?;
