@@ -1,7 +1,7 @@
 //! Selects from the telemetry what goes into the journal: every event, and positions at sufficient intervals.
 //!
-//! Invariant: a position is recorded once per second of machine time, or every 0.8 s while a cutter burns, a tenth of a
-//! second after the machine has come to rest, with every change of the mode, of the hold reason and of the completed
+//! Invariant: a position is recorded once per second of machine time, or every half a second while a cutter burns, a
+//! tenth of a second after the machine has come to rest, with every change of the mode, of the hold reason and of the completed
 //! instructions, and at the end. Positions off the path are never recorded.
 
 use retrace_config::{ChannelNames, NumberedError};
@@ -33,7 +33,7 @@ impl<const A: usize> JournalRecorder<A> {
         let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
         let sampler = PositionSampler {
             second: periods(1000),
-            cutting: periods(800),
+            cutting: periods(500),
             tenth: periods(100),
             recorded: None,
             last: None,
@@ -175,7 +175,7 @@ struct PositionSampler<const A: usize> {
     second: u64,
     tenth: u64,
     /// Number of periods between positions while a cutter burns: at most a second of the cut is unknown once the
-    /// position is durable (CUT-46), so that a fifth of it is left for the way to the disk.
+    /// position is durable (CUT-46), so that half of it is left for the way to the disk.
     cutting: u64,
     /// The period that was recorded last.
     recorded: Option<PeriodRecord<A>>,
@@ -229,7 +229,7 @@ mod tests {
     use retrace_core::Rate;
 
     fn often() -> PositionSampler<1> {
-        PositionSampler { second: 1000, cutting: 800, tenth: 100, recorded: None, last: None, rest: None }
+        PositionSampler { second: 1000, cutting: 500, tenth: 100, recorded: None, last: None, rest: None }
     }
 
     fn period(number: u64) -> PeriodRecord<1> {
@@ -279,7 +279,7 @@ mod tests {
     fn more_often_while_a_cutter_burns() {
         let burns = |n: u64| (400..2200).contains(&n).then(|| Place::start_of(RecordIndex::new(400)));
         let periods = (1..=3500).map(|n| PeriodRecord { cut_from: burns(n), ..period(n) });
-        assert_eq!(kept(periods), [1, 801, 1601, 2601, 3500]);
+        assert_eq!(kept(periods), [1, 501, 1001, 1501, 2001, 3001, 3500]);
     }
 
     #[test]
