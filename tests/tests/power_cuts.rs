@@ -209,9 +209,11 @@ impl PowerCutJob {
             let number = |key: &str| event[key].as_f64().unwrap_or_else(|| panic!("{key}: {event}"));
             number(record) + number(fraction) / 4_294_967_296.0
         };
-        let is_at_once = |event: &&Value| event["time_s"].as_f64().is_some_and(|time_s| time_s < 0.1);
-        let end = find("cut_end")
-            .filter(is_at_once)
+        // the end that comes from the journal, and not one that this host saw
+        let is_restored = |event: &&Value| event["event"] == "cut_end" && event["may_be_longer"] == true;
+        let end = events
+            .iter()
+            .find(is_restored)
             .map_or_else(|| place(resumed, "record", "fraction"), |event| place(event, "cut_record", "cut_fraction"));
         let unknown = self.whole.records_before(cut_until) - self.whole.records_before(end);
         // in a record, the place of a period is known
