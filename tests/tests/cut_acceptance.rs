@@ -1,6 +1,6 @@
-//! Rows of the acceptance of cutting that take many cases: sources that are welded or do not go out (CUT-5), dry runs of
-//! all examples (CUT-8), a spindle in holds (CUT-10), restarts with run-ups (CUT-17, CUT-43), material files (CUT-22,
-//! CUT-23), flickers and losses of the contact (CUT-31).
+//! Rows of the acceptance of cutting that take many cases: sources that are welded or do not go out (CUT-5), dry runs
+//! of all examples (CUT-8), a spindle in holds (CUT-10), restarts with run-ups (CUT-17, CUT-43), material files
+//! (CUT-22, CUT-23), flickers and losses of the contact (CUT-31).
 //!
 //! Invariant: what is judged comes from the trace of the pins; what the command reports is compared with it.
 
@@ -124,8 +124,8 @@ fn short_flickers_are_no_loss_and_longer_ones_are() {
 fn a_spindle_turns_in_every_hold() {
     let spindle = "[[cutter]]\nname = \"router\"\nkind = \"spindle\"\nfire = 64\n[code.M3]\nduration_ms = 500\n";
     let program = "G21 G90 F1200\nM3 S1000\nG1 X20\nG1 Y20\nG1 X0\nG1 Y0\nG1 X30\nM2\n";
-    let script = "at line 3 override 100%\nafter 0.3s hold\nafter 60s resume\nafter 0.2s pause\nafter 60s spindle stop\n\
-                  after 5s spindle start\nafter 3s online\nafter 0s cycle start\nafter 0.5s override 0%\nafter 60s \
+    let script = "at line 3 override 100%\nafter 0.3s hold\nafter 60s resume\nafter 0.2s pause\nafter 60s spindle \
+                  stop\nafter 5s spindle start\nafter 3s online\nafter 0s cycle start\nafter 0.5s override 0%\nafter 60s \
                   override 100%\nafter 0s single\nafter 60s cycle start\nafter 60s cycle start\nafter 60s cycle start\n\
                   after 0s single\nafter 60s cycle start\n";
     let bench = Bench::new();

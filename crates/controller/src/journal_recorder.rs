@@ -1,8 +1,8 @@
 //! Selects from the telemetry what goes into the journal: every event, and positions at sufficient intervals.
 //!
 //! Invariant: a position is recorded once per second of machine time, or every half a second while a cutter burns, a
-//! tenth of a second after the machine has come to rest, with every change of the mode, of the hold reason and of the completed
-//! instructions, and at the end. Positions off the path are never recorded.
+//! tenth of a second after the machine has come to rest, with every change of the mode, of the hold reason and of the
+//! completed instructions, and at the end. Positions off the path are never recorded.
 
 use retrace_config::{ChannelNames, NumberedError};
 use retrace_core::{Distance, Place, RecordIndex};

@@ -83,14 +83,15 @@ fn signal(process: &Child, name: &str) {
     assert!(sent.is_ok_and(|status| status.success()), "{name}");
 }
 
-/// The card reports late that it homes an axis: until then it is at rest, as it is when it has homed the axis. The alarm
-/// that the host was silent ends the homing, and is not taken for the switch.
+/// The card reports late that it homes an axis: until then it is at rest, as it is when it has homed the axis. The
+/// alarm that the host was silent ends the homing, and is not taken for the switch.
 #[test]
 fn an_axis_is_homed_when_the_card_has_found_its_switch_however_late_it_reports() {
     let bench = Bench::new();
     let machine = "[[axis]]\nname = \"x\"\npulses_per_mm = 100\nmax_velocity_mm_per_s = 100\n\
                    max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-50, 100]\n\
-                   home = { switch = \"lower\", position_mm = -40, search_mm_per_s = 10, latch_mm_per_s = 5 }\n[card]\nwatchdog_ms = 2000\n\
+                   home = { switch = \"lower\", position_mm = -40, search_mm_per_s = 10, latch_mm_per_s = 5 }\n\
+                   [card]\nwatchdog_ms = 2000\n\
                    [[card.input]]\nnumber = 0\nuse = \"home\"\naxis = \"x\"\n";
     let machine = bench.file("m.toml", machine).display().to_string();
     for is_silent in [true, false] {
