@@ -125,9 +125,9 @@ fn a_spindle_turns_in_every_hold() {
     let spindle = "[[cutter]]\nname = \"router\"\nkind = \"spindle\"\nfire = 64\n[code.M3]\nduration_ms = 500\n";
     let program = "G21 G90 F1200\nM3 S1000\nG1 X20\nG1 Y20\nG1 X0\nG1 Y0\nG1 X30\nM2\n";
     let script = "at line 3 override 100%\nafter 0.3s hold\nafter 60s resume\nafter 0.2s pause\nafter 60s spindle \
-                  stop\nafter 5s spindle start\nafter 3s online\nafter 0s cycle start\nafter 0.5s override 0%\nafter 60s \
-                  override 100%\nafter 0s single\nafter 60s cycle start\nafter 60s cycle start\nafter 60s cycle start\n\
-                  after 0s single\nafter 60s cycle start\n";
+                  stop\nafter 5s spindle start\nafter 3s online\nafter 0s cycle start\nafter 0.5s override 0%\n\
+                  after 60s override 100%\nafter 0s single\nafter 60s cycle start\nafter 60s cycle start\n\
+                  after 60s cycle start\nafter 0s single\nafter 60s cycle start\n";
     let bench = Bench::new();
     let operator = bench.file("s.op", script).display().to_string();
     let (job, trace) = run(&bench, (&machine(spindle), program), &["--operator", &operator]);
