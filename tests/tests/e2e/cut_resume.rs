@@ -215,3 +215,52 @@ fn a_cut_is_resumed_whose_pierce_was_not_recorded_when_the_power_failed() {
     let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED);
     assert!(verdict.is_good(), "{verdict:?}\n{}", resumed.out);
 }
+
+/// The arc is lost close to the end of its contour, the cut is continued to the end, and the journal lacks that: where
+/// the torch passes to the end once more and no arc strikes, the kerf is taken to end there, and the job goes on.
+#[test]
+fn a_cut_whose_last_bit_is_not_in_the_journal_does_not_hold_the_job_for_ever() {
+    let bench = Bench::new();
+    let machine = cut_part::machine(MachineKind { senses: false, homes: true });
+    for (name, text) in [
+        ("part.ngc", PROGRAM),
+        ("m.toml", &machine),
+        ("first.op", "at 8s recover\n"),
+        ("s.op", "after 4s recover\nafter 4s recover\n"),
+    ] {
+        bench.file(name, text);
+    }
+    let whole = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
+    let _ = Run::of(&bench, std::path::Path::new("part.ngc"), &whole);
+    let vcd = bench.path("pins.vcd").display().to_string();
+    let file = bench.path("m.toml").display().to_string();
+    let faults = ["--source-faults", "lose@59.5"];
+    let card = ["--machine", &file, "--vcd", &vcd, "--speed", &SPEED.to_string()];
+    let mut card = ServedCard::with(&[&card[..], &faults].concat());
+    card.home(&bench).expect("it is homed");
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json", "--operator", "first.op"];
+    let mut host = bench.start(&run, Stdio::null(), "killed.txt");
+    while !std::fs::read_to_string(bench.path("killed.txt")).is_ok_and(|told| told.contains("\"event\":\"contour\"")) {
+        assert!(host.try_wait().expect("a child").is_none(), "it ends before the contour is cut");
+        thread::sleep(Duration::from_millis(1));
+    }
+    card.operate("power off");
+    host.kill().expect("it is killed");
+    host.wait().expect("it ends");
+    let mut jobs = std::fs::read_dir(bench.path("state/retrace/jobs")).expect("a folder of jobs");
+    let journal = jobs.next().expect("a job").expect("a job").path().join("journal");
+    let text = std::fs::read_to_string(&journal).expect("a journal");
+    let lost = text.lines().find(|line| line.contains("\"cut_end\"")).expect("the loss is recorded");
+    let durable = text.find(lost).expect("it is a part of it") + lost.len() + 1;
+    std::fs::write(&journal, &text[..durable]).expect("a cut journal");
+    card.operate("power on");
+    thread::sleep(Duration::from_millis(100));
+    card.home(&bench).expect("it is homed again");
+    let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "s.op"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    let (held, goes_on) = (resumed.out.find("\"reason\":\"lost\""), resumed.out.find("cut_continued"));
+    assert!(held.is_some() && held < goes_on, "{}", resumed.out);
+    let _ = card.end();
+    let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED);
+    assert_eq!(verdict.not_cut, 0, "{verdict:?}\n{}", resumed.out);
+}

@@ -100,10 +100,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
         if latch.remaining_mm < 0.0 {
             self.recovery.latch = None;
-            if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.may_be_longer) {
-                // The kerf may be longer than was thought: the next attempt looks for its end further on.
-                end.latest = status.place;
-            }
+            self.look_further_next_time(status);
             self.switch_cutters_off(CutterOffReason::NotLatched);
             let _ = self.mode_controller.apply(ModeCommand::Hold);
         }
@@ -130,6 +127,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
+    /// The kerf may be longer than was thought: the next attempt looks for its end from here on.
+    fn look_further_next_time(&mut self, status: &CardStatus<A>) {
+        if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.may_be_longer) {
+            end.latest = status.place;
+        }
+    }
+
     /// The program has switched the cutter off, and it was not proven. Where it may have been cut to here before, that
     /// is the end of it; else the cut remains interrupted.
     fn end_latch_with_cut(&mut self, status: &CardStatus<A>) {
@@ -141,6 +145,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.emit(EventKind::CutContinued);
             return;
         }
+        self.look_further_next_time(status);
         self.emit(EventKind::CutterOff { channel: cut_end.channel, reason: CutterOffReason::NotLatched });
         // never rejected
         let _ = self.mode_controller.apply(ModeCommand::Hold);
