@@ -186,8 +186,10 @@ fn a_start_at_a_line_senses_the_sheet_first() {
 /// sheet, or higher.
 #[test]
 fn a_dry_run_stays_at_the_safe_height() {
-    for (sheet_mm, lift_mm) in [(-70, 0), (-5, 10)] {
+    let begins_with_a_cut = PROGRAM.replace("G0 X10\n", "");
+    for (sheet_mm, lift_mm, program) in [(-70, 0, PROGRAM), (-5, 10, PROGRAM), (-5, 10, &begins_with_a_cut)] {
         let (bench, case) = (bench(), format!("sheet at {sheet_mm} mm"));
+        bench.file("part.ngc", program);
         let machine = machine(&SENSE.replace("-70", &sheet_mm.to_string())).replace("[-100, 0]", "[-100, 50]");
         let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
         let trace = vcd.display().to_string();
