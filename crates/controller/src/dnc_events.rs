@@ -161,6 +161,7 @@ impl fmt::Display for DncEvent {
                 write!(f, "paused at counts {:?}, the spindle at {speed} rpm {way}", counts.get())
             }
             DncStep::SpindleStopped => write!(f, "the spindle is stopped"),
+            DncStep::SpindleStarted { speed: 0, .. } => write!(f, "the cutter is armed; it is started with the motion"),
             DncStep::SpindleStarted { spindle, speed } => {
                 write!(f, "the spindle runs again: {} rpm {}", revolutions(*speed), direction(*spindle))
             }
@@ -181,7 +182,7 @@ impl fmt::Display for DncEvent {
             DncStep::Parked { stopped: true } => write!(f, "stopped on the way to the park position"),
             DncStep::Online => write!(f, "on line again; cycle start brings the axes back"),
             DncStep::Approaching => write!(f, "returning to the breakpoint"),
-            DncStep::Arrived => write!(f, "at the breakpoint: the program continues"),
+            DncStep::Arrived => write!(f, "at the breakpoint"),
         }
     }
 }
