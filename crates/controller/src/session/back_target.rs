@@ -41,8 +41,8 @@ pub(super) enum BackTargetKind {
 pub(super) struct BackTarget {
     kind: BackTargetKind,
     search: TargetSearch,
-    /// Whether it was decided on the way there.
-    is_surveyed: bool,
+    /// Whether the estimate of its time was begun.
+    is_estimated: bool,
 }
 
 /// Progress of the search for the target.
@@ -100,7 +100,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
         self.mode_controller.apply(ModeCommand::Reverse(Rate::MAX))?;
         self.asked_boundary = None;
-        self.back_target = Some(BackTarget { kind: wanted, search, is_surveyed: false });
+        self.back_target = Some(BackTarget { kind: wanted, search, is_estimated: false });
         Ok(())
     }
 
@@ -157,10 +157,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             back.search = self.continue_search(back.kind, from, left_mm, line);
         }
         self.back_target = Some(back);
-        if let (TargetSearch::Found(target), false) = (back.search, back.is_surveyed) {
-            self.back_target = Some(BackTarget { is_surveyed: true, ..back });
+        if let (TargetSearch::Found(target), false) = (back.search, back.is_estimated) {
+            self.back_target = Some(BackTarget { is_estimated: true, ..back });
             if matches!(back.kind, BackTargetKind::Contour(_) | BackTargetKind::CutEnd(_)) {
-                self.begin_survey(target);
+                self.begin_retrace_estimate(target);
             }
         }
     }

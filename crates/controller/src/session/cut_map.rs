@@ -178,7 +178,7 @@ impl CutMap {
     }
 
     /// Cutter compensation is on from here, on this side, or off.
-    pub(super) fn note_compensation(&mut self, side: Option<Side>) {
+    pub(super) fn record_compensation(&mut self, side: Option<Side>) {
         self.compensation = side;
         if let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index)) {
             contour.compensation = contour.compensation.or(side);

@@ -56,7 +56,7 @@ pub(super) struct Lead {
     /// Where the next start lies in X and Y, from its place on the path.
     pub(super) shift_mm: [f64; 2],
     shape: LeadShape,
-    /// A shift toward the part that was asked for: it is refused once. In force with a shift, it is confirmed.
+    /// The last shift toward the part that was asked for: the same again, or any while it is in force, is confirmed.
     toward_part: Option<[f64; 2]>,
     /// Both, as they were when the lead-in was planned.
     planned: ([f64; 2], LeadShape),
@@ -114,7 +114,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let side = self.side_of_start(shift_mm);
         let is_toward_part = side.is_some_and(|side| side.is_part == Some(true));
         let lead = &mut self.recovery.lead;
-        if is_toward_part && lead.toward_part.is_none_or(|asked_mm| asked_mm != shift_mm && !lead.is_shifted()) {
+        let is_confirmed = [shift_mm, lead.shift_mm].into_iter().any(|mm| lead.toward_part == Some(mm));
+        if is_toward_part && !is_confirmed {
             lead.toward_part = Some(shift_mm);
             return Err(TOWARD_PART);
         }

@@ -12,7 +12,7 @@ mod cut_end;
 mod cut_map;
 mod cut_mapping;
 mod cutter_watch;
-mod direct_way;
+mod direct_return;
 mod dnc_pause;
 mod job_phase;
 mod kerf_search;
@@ -53,7 +53,7 @@ use crate::telemetry::{Telemetry, TelemetrySender};
 use back_target::BackTarget;
 use contour_pass::ContourPass;
 use cut_map::CutMap;
-use direct_way::WaySurvey;
+use direct_return::RetraceEstimate;
 use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
 use pause_state::DncPause;
@@ -124,8 +124,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     tool_length: ToolLengthEntry,
     /// Target of a reverse run, if it has one.
     back_target: Option<BackTarget>,
-    /// The way back to that target, while it is measured.
-    way_survey: Option<WaySurvey<A>>,
+    /// Estimate of the time of that reverse run, while it is calculated.
+    retrace_estimate: Option<RetraceEstimate<A>>,
     /// Recovery of an interrupted cut.
     recovery: CutRecovery,
     /// What was cut of the contours.
@@ -192,7 +192,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
-            way_survey: None,
+            retrace_estimate: None,
             recovery: CutRecovery::new(machine),
             cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
             cutter_inactive: vec![false; machine.cutting_outputs.len()],
@@ -309,7 +309,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.poll_planner();
         self.apply_commands();
         self.advance_tool_lift();
-        self.advance_survey()?;
+        self.advance_retrace_estimate()?;
         if self.dnc.is_off_path() {
             return self.run_paused_period();
         }
@@ -415,7 +415,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || stops
             || leaves_run
             || self.due_lift().is_some()
-            || self.way_survey.is_some()
+            || self.retrace_estimate.is_some()
             || self.back_target.as_ref().is_some_and(BackTarget::is_searching)
         {
             demand.target = RateTarget::ZERO;
@@ -521,7 +521,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 }
                 PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),
                 PassedItem::Active(active) => {
-                    self.cut_map.note_compensation(active.compensation);
+                    self.cut_map.record_compensation(active.compensation);
                     self.telemetry.send(Telemetry::Active(active));
                 }
             }

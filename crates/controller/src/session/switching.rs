@@ -106,7 +106,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.contour_pass.is_dark &= begins;
                 self.recovery.passes_kerf = false;
             }
-            self.note_layer_move(done.layer, &done.changes[..usize::from(done.count)]);
+            self.record_layer_move(done.layer, &done.changes[..usize::from(done.count)]);
             self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);
             let want = self.streamer.expected();
             let are = self.outputs_compared_with(want);

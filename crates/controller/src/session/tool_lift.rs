@@ -75,7 +75,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// An instruction of the program is complete that moved the tool: behind the end of a cut it is high.
-    pub(super) fn note_layer_move(&mut self, layer: Option<LayerMove>, changes: &[OutputChange]) {
+    pub(super) fn record_layer_move(&mut self, layer: Option<LayerMove>, changes: &[OutputChange]) {
         let ends =
             changes.iter().any(|change| change.value == 0 && self.config.fire_channels.contains(&change.channel));
         self.tool_lift.is_low &= !(layer.is_some() && ends || matches!(layer, Some(LayerMove::To { .. })));

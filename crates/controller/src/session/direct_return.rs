@@ -1,4 +1,4 @@
-//! The direct way back to a contour: up, across and down instead of along the path, where that is faster (CUT-36).
+//! The direct return to a contour: up, across and down instead of along the path, where that is faster (CUT-36).
 //!
 //! It is the return of a pause whose breakpoint is the place of the contour, so a hold, a pause or a stop on the way
 //! act as they do there.
@@ -20,63 +20,70 @@ use crate::dnc_events::DncStep;
 use crate::event::CardError;
 use crate::jog_planner::JogRequest;
 
-/// Records up to which the path is always retraced: no direct way is faster.
+/// Records up to which the path is always retraced: no direct return is faster.
 const MIN_RECORDS: u32 = 3000;
-/// Records that are measured in one control period.
+/// Records that are added to the estimate in one control period.
 const RECORDS_A_PERIOD: u32 = 4096;
 /// Highest rate of reverse run.
 const MAX_RATE: f64 = 8.0;
 
-/// The way back to a place, as far as it is measured.
+/// Estimate of the time that retracing to a place takes, as far as it is calculated.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct WaySurvey<const A: usize> {
+pub(super) struct RetraceEstimate<const A: usize> {
     target: RecordIndex,
-    /// Where the measuring begins, once the machine is at rest: the place up to which it is measured, its counts, and
-    /// the time in s that retracing takes.
+    /// The place up to which it is calculated, the counts there, and the time in s. `None` until the machine is at
+    /// rest.
     measured: Option<(RecordIndex, [i64; A], f64)>,
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Begins to measure the way back to the target of a reverse run, if it may be left for a direct one.
-    pub(super) fn begin_survey(&mut self, target: RecordIndex) {
+    /// Begins to estimate the time of a reverse run to this target, if the axes may go there directly.
+    pub(super) fn begin_retrace_estimate(&mut self, target: RecordIndex) {
         let here = self.card.status().place.record;
         let is_far = target.is_before(here) && here.since(target) > MIN_RECORDS;
         let turns = self.card.status().outputs[usize::from(channel::SPINDLE)] != 0 && !self.spindle_is_a_cutter();
         let may_leave = is_far && !turns && self.dnc.has_jog_planner() && !self.dnc.is_on();
-        self.way_survey = may_leave.then_some(WaySurvey { target, measured: None });
+        self.retrace_estimate = may_leave.then_some(RetraceEstimate { target, measured: None });
     }
 
-    /// Measures the way back, and leaves the path where the direct way is faster. Called before every control period.
-    pub(super) fn advance_survey(&mut self) -> Result<(), CardError> {
-        let Some(survey) = self.way_survey else { return Ok(()) };
-        let is_target = self.back_target.as_ref().and_then(BackTarget::place) == Some(survey.target);
-        if !is_target || self.dnc.is_on() || self.mode_controller.is_held() {
-            self.way_survey = None;
+    /// Continues the estimate, and leaves the path where the direct return is faster. Called before every control
+    /// period.
+    pub(super) fn advance_retrace_estimate(&mut self) -> Result<(), CardError> {
+        let Some(estimate) = self.retrace_estimate else { return Ok(()) };
+        let is_target = self.back_target.as_ref().and_then(BackTarget::place) == Some(estimate.target);
+        // A jet that is open in reverse run cuts along the path only.
+        if !is_target || self.dnc.is_on() || self.mode_controller.is_held() || self.is_any_cutter_on() {
+            self.retrace_estimate = None;
             return Ok(());
         }
         let stands = self.card.status().at_rest && self.leaving_run == LeavingRun::No;
         if !stands || self.is_lifting() || self.due_lift().is_some() || self.restart.is_active() {
             return Ok(());
         }
-        let Some((mut at, mut counts, mut retrace_s)) = survey.measured.or_else(|| self.begin_measuring()) else {
-            self.way_survey = None;
+        let Some((mut at, mut counts, mut retrace_s)) = estimate.measured.or_else(|| self.begin_measuring()) else {
+            self.retrace_estimate = None;
             return Ok(());
         };
         for _ in 0..RECORDS_A_PERIOD {
-            if at == survey.target {
-                self.way_survey = None;
-                return self.choose_way(survey.target, counts, retrace_s);
+            if at == estimate.target {
+                self.retrace_estimate = None;
+                return self.choose_return(estimate.target, counts, retrace_s);
             }
             at -= 1;
             let Some(record) = self.streamer.record(at) else {
-                self.way_survey = None;
+                self.retrace_estimate = None;
                 return Ok(());
             };
             counts.iter_mut().zip(&record.increments).for_each(|(count, &pulses)| *count -= i64::from(pulses));
             retrace_s += self.config.period_s * self.least_periods(&record.increments);
         }
-        self.way_survey = Some(WaySurvey { measured: Some((at, counts, retrace_s)), ..survey });
+        self.retrace_estimate = Some(RetraceEstimate { measured: Some((at, counts, retrace_s)), ..estimate });
         Ok(())
+    }
+
+    fn is_any_cutter_on(&self) -> bool {
+        let outputs = &self.card.status().outputs;
+        self.config.fire_channels.iter().any(|&at| outputs.get(usize::from(at)).is_some_and(|&value| value != 0))
     }
 
     /// The record that the machine is in, and its counts at the start of it.
@@ -101,8 +108,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         shares.fold(1.0 / MAX_RATE, f64::max)
     }
 
-    /// Leaves the path for the direct way, if that is faster than `retrace_s`.
-    fn choose_way(&mut self, target: RecordIndex, to: [i64; A], retrace_s: f64) -> Result<(), CardError> {
+    /// Leaves the path, if the direct return is faster than `retrace_s`.
+    fn choose_return(&mut self, target: RecordIndex, to: [i64; A], retrace_s: f64) -> Result<(), CardError> {
         let (status, machine) = (*self.card.status(), self.recovery.machine());
         let mut from = status.counts;
         if let Some(layer) = machine.tool_layer() {
@@ -115,7 +122,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             direct_s += self.move_s(&at, &end);
             at = end;
         }
-        if direct_s < retrace_s { self.go_directly(target, to) } else { Ok(()) }
+        if direct_s < retrace_s { self.begin_direct_return(target, to) } else { Ok(()) }
     }
 
     /// Time in s of a straight rapid move from rest to rest, by its slowest axis.
@@ -130,7 +137,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Leaves the path, and returns to it at `target`, whose counts are `to`.
-    fn go_directly(&mut self, target: RecordIndex, to: [i64; A]) -> Result<(), CardError> {
+    fn begin_direct_return(&mut self, target: RecordIndex, to: [i64; A]) -> Result<(), CardError> {
         let status = *self.card.status();
         let before = self.streamer.record(target - 1);
         let start = PathStart {
