@@ -507,3 +507,57 @@ fn a_machine_that_cannot_sense_is_refused() {
     assert!(refused.code != Some(0), "{}", refused.out);
     assert_contains(&(refused.out + &refused.err), &["heights"]);
 }
+
+/// While the tool is lifted, parked and returned directly, the emergency stop, a killed host and a pulled cable bring
+/// every axis to rest with the torch off, and the card has an alarm latched.
+#[test]
+fn the_moves_off_a_cut_end_at_an_emergency_stop_a_killed_host_and_a_lost_link() {
+    let zigzag: String =
+        (1..6).map(|n| format!("G1 Y{}\nG1 X{}\n", 3 * n, if n % 2 == 0 { 100 } else { 160 })).collect();
+    let program = format!("G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\n{zigzag}M5\nG0 X0 Y0\nM2\n");
+    let direct = "at 7s skip contour\nat line 18 override 100%\nafter 0.5s hold\nafter 0.5s back to contour 1\n";
+    for (moving, script, told, delay_ms, causes) in [
+        ("lift", "", "\"state\":\"lost\"", 30, ["input 13 on", "kill"]),
+        ("park", "at 7s park\n", "\"event\":\"paused\"", 300, ["input 13 on", "unplug"]),
+        ("return", direct, "\"event\":\"approaching\"", 300, ["input 13 on", "kill"]),
+    ] {
+        for cause in causes {
+            let (bench, case) = (bench(), format!("{moving}, {cause}"));
+            bench.file("part.ngc", &program);
+            let with_park = "[manual]\npark_mm = { x = 300, y = 40 }\n";
+            bench.file("m.toml", format!("retract_mm = -10\n{}{with_park}", machine(SENSE)));
+            bench.file("s.op", script);
+            let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
+            let trace = vcd.display().to_string();
+            let card = ["--machine", &machine, "--vcd", &trace, "--source-faults", "lose@20", "--speed", "4"];
+            let mut card = ServedCard::with(&card);
+            let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json", "--operator", "s.op"];
+            let mut host = bench.start(&run, Stdio::null(), "told.txt");
+            let read = || std::fs::read_to_string(bench.path("told.txt")).unwrap_or_default();
+            let begun = Instant::now();
+            while !read().contains(told) {
+                assert!(begun.elapsed() < Duration::from_secs(60), "{case}: {}", read());
+                thread::sleep(Duration::from_millis(2));
+            }
+            thread::sleep(Duration::from_millis(delay_ms / 4));
+            match cause {
+                "kill" => host.kill().expect("it is killed"),
+                command => card.operate(command),
+            }
+            // The watchdog of a second, and the way to rest.
+            thread::sleep(Duration::from_millis(800));
+            let ended = host.wait().expect("it ends");
+            assert!(cause == "kill" || ended.code() == Some(3), "{case}: {ended:?} {}", read());
+            let _ = card.end();
+            let trace = samples(&vcd);
+            let last = trace.last().expect("a sample");
+            let moves = |pair: &[Sample]| pair[0].counts != pair[1].counts || pair[0].layer != pair[1].layer;
+            let stopped = trace.windows(2).rposition(moves).map_or(0, |at| trace[at + 1].at_us);
+            let alarm_us = trace.iter().find(|sample| sample.alarm != 0).expect("an alarm").at_us;
+            assert!(last.at_rest && stopped <= alarm_us + 500_000, "{case}: moves at {stopped}, alarm at {alarm_us}");
+            let lost = trace.windows(2).rposition(|pair| pair[0].is_on("spindle") && !pair[1].is_on("spindle"));
+            assert!(trace[lost.expect("it was on") + 1..].iter().all(|sample| !sample.is_on("spindle")), "{case}");
+            assert!(last.alarm != 0, "{case}");
+        }
+    }
+}
