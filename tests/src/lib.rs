@@ -15,6 +15,7 @@ pub mod programs;
 pub mod records;
 pub mod run;
 pub mod sender;
+pub mod sensing_torch;
 pub mod served;
 pub mod terminal;
 pub mod trace;

@@ -5,7 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
-use retrace_tests::cut_judge::{JudgedMachine, judge_served};
+use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge_served};
 use retrace_tests::cut_part::{self, MachineKind};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -171,96 +171,75 @@ fn a_cut_is_resumed_after_a_collision_and_after_an_emergency_stop() {
     }
 }
 
-/// The power fails soon after the pierce, and the end of the pierce is not in the journal: nobody knows whether the
-/// sheet is pierced, or cut. The torch pierces again; over the kerf no arc strikes, and then it starts in motion.
-#[test]
-fn a_cut_is_resumed_whose_pierce_was_not_recorded_when_the_power_failed() {
+/// The power of the card and the host fails once the host has reported `told`; the journal ends where `durable` says,
+/// from its text. The axes are homed again, and the job is resumed with `script`. Returns what that printed, and the
+/// verdict on the part.
+fn power_failed(
+    (faults, first, script): (&str, &str, &str),
+    (told, delay_ms): (&str, u64),
+    durable: impl Fn(&str) -> usize,
+) -> (String, Verdict) {
     let bench = Bench::new();
     let machine = cut_part::machine(MachineKind { senses: false, homes: true });
-    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &machine), ("s.op", "after 6s recover\nafter 6s recover\n")]
-    {
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &machine), ("first.op", first), ("s.op", script)] {
         bench.file(name, text);
     }
     let whole = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
     let _ = Run::of(&bench, std::path::Path::new("part.ngc"), &whole);
     let vcd = bench.path("pins.vcd").display().to_string();
-    let file = bench.path("m.toml").display().to_string();
-    let mut card = ServedCard::with(&["--machine", &file, "--vcd", &vcd, "--speed", &SPEED.to_string()]);
+    let (file, speed) = (bench.path("m.toml").display().to_string(), SPEED.to_string());
+    let card = ["--machine", &file, "--vcd", &vcd, "--speed", &speed, "--source-faults", faults];
+    let mut card = ServedCard::with(&card);
     card.home(&bench).expect("it is homed");
-    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json", "--operator", "first.op"];
     let mut host = bench.start(&run, Stdio::null(), "killed.txt");
-    while !std::fs::read_to_string(bench.path("killed.txt")).is_ok_and(|told| told.contains("\"cutting\"")) {
-        assert!(host.try_wait().expect("a child").is_none(), "it ends before it cuts");
+    while !std::fs::read_to_string(bench.path("killed.txt")).is_ok_and(|text| text.contains(told)) {
+        assert!(host.try_wait().expect("a child").is_none(), "it ends before {told}");
         thread::sleep(Duration::from_millis(1));
     }
-    thread::sleep(Duration::from_millis(60));
+    thread::sleep(Duration::from_millis(delay_ms));
     card.operate("power off");
     host.kill().expect("it is killed");
     host.wait().expect("it ends");
     let mut jobs = std::fs::read_dir(bench.path("state/retrace/jobs")).expect("a folder of jobs");
     let journal = jobs.next().expect("a job").expect("a job").path().join("journal");
     let text = std::fs::read_to_string(&journal).expect("a journal");
-    let is_end = |line: &&str| line.contains("\"M3\"") && line.contains("\"switched\"");
-    let end = text.lines().find(is_end).expect("the pierce is complete");
-    let durable = &text[..text.find(end).expect("it is a part of it")];
-    std::fs::write(&journal, durable).expect("a cut journal");
+    std::fs::write(&journal, &text[..durable(&text)]).expect("a cut journal");
     card.operate("power on");
     thread::sleep(Duration::from_millis(100));
     card.home(&bench).expect("it is homed again");
     let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "s.op"]);
     assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
-    let (pierces, moves) = (resumed.out.find("not_started"), resumed.out.find("cut_continued"));
-    assert!(pierces.is_some() && pierces < moves, "{}", resumed.out);
     let _ = card.end();
-    let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED);
-    assert!(verdict.is_good(), "{verdict:?}\n{}", resumed.out);
+    (resumed.out, judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED))
+}
+
+/// The power fails soon after the pierce, and the end of the pierce is not in the journal: nobody knows whether the
+/// sheet is pierced, or cut. The torch pierces again; over the kerf no arc strikes, and then it starts in motion.
+#[test]
+fn a_cut_is_resumed_whose_pierce_was_not_recorded_when_the_power_failed() {
+    let before_end_of_pierce = |text: &str| {
+        let is_end = |line: &&str| line.contains("\"M3\"") && line.contains("\"switched\"");
+        text.lines().find(is_end).and_then(|line| text.find(line)).expect("the pierce is complete")
+    };
+    let scripts = ("", "", "after 6s recover\nafter 6s recover\n");
+    let (out, verdict) = power_failed(scripts, ("\"cutting\"", 60), before_end_of_pierce);
+    let (pierces, moves) = (out.find("not_started"), out.find("cut_continued"));
+    assert!(pierces.is_some() && pierces < moves, "{out}");
+    assert!(verdict.is_good(), "{verdict:?}\n{out}");
 }
 
 /// The arc is lost close to the end of its contour, the cut is continued to the end, and the journal lacks that: where
 /// the torch passes to the end once more and no arc strikes, the kerf is taken to end there, and the job goes on.
 #[test]
 fn a_cut_whose_last_bit_is_not_in_the_journal_does_not_hold_the_job_for_ever() {
-    let bench = Bench::new();
-    let machine = cut_part::machine(MachineKind { senses: false, homes: true });
-    for (name, text) in [
-        ("part.ngc", PROGRAM),
-        ("m.toml", &machine),
-        ("first.op", "at 8s recover\n"),
-        ("s.op", "after 4s recover\nafter 4s recover\n"),
-    ] {
-        bench.file(name, text);
-    }
-    let whole = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
-    let _ = Run::of(&bench, std::path::Path::new("part.ngc"), &whole);
-    let vcd = bench.path("pins.vcd").display().to_string();
-    let file = bench.path("m.toml").display().to_string();
-    let faults = ["--source-faults", "lose@59.5"];
-    let card = ["--machine", &file, "--vcd", &vcd, "--speed", &SPEED.to_string()];
-    let mut card = ServedCard::with(&[&card[..], &faults].concat());
-    card.home(&bench).expect("it is homed");
-    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json", "--operator", "first.op"];
-    let mut host = bench.start(&run, Stdio::null(), "killed.txt");
-    while !std::fs::read_to_string(bench.path("killed.txt")).is_ok_and(|told| told.contains("\"event\":\"contour\"")) {
-        assert!(host.try_wait().expect("a child").is_none(), "it ends before the contour is cut");
-        thread::sleep(Duration::from_millis(1));
-    }
-    card.operate("power off");
-    host.kill().expect("it is killed");
-    host.wait().expect("it ends");
-    let mut jobs = std::fs::read_dir(bench.path("state/retrace/jobs")).expect("a folder of jobs");
-    let journal = jobs.next().expect("a job").expect("a job").path().join("journal");
-    let text = std::fs::read_to_string(&journal).expect("a journal");
-    let lost = text.lines().find(|line| line.contains("\"cut_end\"")).expect("the loss is recorded");
-    let durable = text.find(lost).expect("it is a part of it") + lost.len() + 1;
-    std::fs::write(&journal, &text[..durable]).expect("a cut journal");
-    card.operate("power on");
-    thread::sleep(Duration::from_millis(100));
-    card.home(&bench).expect("it is homed again");
-    let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "s.op"]);
-    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
-    let (held, goes_on) = (resumed.out.find("\"reason\":\"lost\""), resumed.out.find("cut_continued"));
-    assert!(held.is_some() && held < goes_on, "{}", resumed.out);
-    let _ = card.end();
-    let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED);
-    assert_eq!(verdict.not_cut, 0, "{verdict:?}\n{}", resumed.out);
+    let behind_loss = |text: &str| {
+        let lost = text.lines().find(|line| line.contains("\"cut_end\"")).expect("the loss is recorded");
+        text.find(lost).expect("it is a part of it") + lost.len() + 1
+    };
+    let scripts = ("lose@59.5", "at 8s recover\n", "after 4s recover\nafter 4s recover\n");
+    let (out, verdict) = power_failed(scripts, ("\"event\":\"contour\"", 0), behind_loss);
+    let (held, goes_on) = (out.find("\"reason\":\"lost\""), out.find("cut_continued"));
+    assert!(held.is_some() && held < goes_on, "{out}");
+    assert_eq!(verdict.not_cut, 0, "{verdict:?}\n{out}");
 }

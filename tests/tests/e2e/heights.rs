@@ -10,6 +10,7 @@ use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
+use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
@@ -17,34 +18,12 @@ use serde_json::Value;
 const PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
     pierce_height_mm = 3.8\npierce_delay_s = 0.4\ncut_height_mm = 1.5\nfeed_mm_per_min = 1800\n";
-/// Pulses per mm of the tool axis.
-const TOOL_PULSES: f64 = 400.0;
-/// Where the sheet is expected, in pulses of the tool axis.
-const SHEET: i64 = -70 * 400;
 /// The float switch opens one pulse above the position where it closes.
 const OPENS: i64 = 1;
 const PIERCE: i64 = 1520;
 const CUT: i64 = 600;
 const SAFE: i64 = 6000;
 const LIFT: i64 = 4000;
-
-fn machine(sense: &str) -> String {
-    let axis = |name: &str, pulses: f64, travel: &str, [velocity, acceleration]: [u32; 2]| {
-        format!(
-            "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = {velocity}\n\
-             max_acceleration_mm_per_s2 = {acceleration}\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\n"
-        )
-    };
-    let (x, y) = (axis("x", 200.0, "[-50, 500]", [100, 1000]), axis("y", 200.0, "[-50, 500]", [100, 1000]));
-    let z = axis("z", TOOL_PULSES, "[-100, 0]", [60, 600]);
-    format!(
-        "{x}{y}{z}[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nmaterials = \"materials.toml\"\n\
-         ok = {{ input = 5 }}\nstart = {{ start_s = 1.0, retry_s = 0.5 }}\nsense = {{ {sense} }}\n\
-         [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n[card]\nwatchdog_ms = 1000\n"
-    )
-}
-
-const SENSE: &str = "contacts = [7], sheet_mm = -70, float_travel_mm = 1.2";
 
 fn bench() -> Bench {
     let bench = Bench::new();

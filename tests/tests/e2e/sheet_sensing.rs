@@ -6,6 +6,7 @@ use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
+use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
 use serde_json::Value;
 
 /// Four cuts of 30 mm, which begin at X10, X60, X200 and X210.
@@ -13,8 +14,6 @@ const PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3 S1\nG1 X40\nM5\nG0 X60\nM3\nG1 
     G0 X210 Y20\nM3\nG1 X240\nM5\nG0 X0 Y0\nM2\n";
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
     pierce_height_mm = 3.8\npierce_delay_s = 0.2\ncut_height_mm = 1.5\nfeed_mm_per_min = 1800\n";
-const TOOL_PULSES: f64 = 400.0;
-const SHEET: i64 = -70 * 400;
 /// A contact opens one pulse above the position where it closes.
 const OPENS: i64 = 1;
 const PIERCE: i64 = 1520;
@@ -22,26 +21,11 @@ const CUT: i64 = 600;
 const FLOAT: u64 = 1 << 7;
 const OHMIC: u64 = 1 << 8;
 
-fn machine(sense: &str) -> String {
-    let axis = |name: &str, pulses: f64, travel: &str, [velocity, acceleration]: [u32; 2]| {
-        format!(
-            "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = {velocity}\n\
-             max_acceleration_mm_per_s2 = {acceleration}\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\n"
-        )
-    };
-    let (x, y) = (axis("x", 200.0, "[-50, 500]", [100, 1000]), axis("y", 200.0, "[-50, 500]", [100, 1000]));
-    let z = axis("z", TOOL_PULSES, "[-100, 0]", [60, 600]);
-    format!(
-        "{x}{y}{z}[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nmaterials = \"materials.toml\"\n\
-         ok = {{ input = 5 }}\nstart = {{ start_s = 1.0, retry_s = 0.5 }}\n\
-         sense = {{ contacts = [7], sheet_mm = -70, float_travel_mm = 1.2, {sense} }}\n\
-         [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n[card]\nwatchdog_ms = 1000\n"
-    )
-}
-
 fn bench(sense: &str, program: &str) -> Bench {
     let bench = Bench::new();
-    for (name, text) in [("part.ngc", program), ("m.toml", &machine(sense)), ("materials.toml", MATERIALS)] {
+    for (name, text) in
+        [("part.ngc", program), ("m.toml", &machine(&format!("{SENSE}, {sense}"))), ("materials.toml", MATERIALS)]
+    {
         bench.file(name, text);
     }
     bench
