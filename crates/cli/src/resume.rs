@@ -420,7 +420,9 @@ impl ResumeStep<'_> {
             let channel = cutter.fire;
             let cut = interrupted.filter(|cut| cut.channel == channel);
             let (is_interruption, is_exact) = (cut.is_some(), cut.is_some_and(|cut| cut.is_exact));
-            Some(ResumedCutEnd { channel, place: self.record.certain_cut_end(channel)?, is_interruption, is_exact })
+            let place = self.record.certain_cut_end(channel)?;
+            let latest = cut.map_or(place.record, |cut| cut.latest);
+            Some(ResumedCutEnd { channel, place, latest, is_interruption, is_exact })
         };
         cutters.filter_map(end).collect()
     }

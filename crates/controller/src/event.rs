@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use retrace_config::ChannelNames;
-use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_core::{Place, RecordIndex};
 use retrace_journal::Timestamp;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
@@ -221,6 +221,8 @@ pub enum EventKind {
         line: u32,
         /// Whether the cut may go on behind it: the place is that of a journal.
         may_be_longer: bool,
+        /// Record up to which it may go on, as far as that is known: an arc struck nowhere before.
+        latest: RecordIndex,
     },
     /// A cut was continued beyond the place where it had ended; the length in mm that is not cut.
     NotCut(f64),
@@ -347,9 +349,10 @@ impl Event {
             EventKind::CutterState { channel, state, contour } => {
                 json!({"event": "cutter_state", "channel": channel, "state": state.name(), "contour": contour})
             }
-            EventKind::CutEnd { channel, place, line, may_be_longer } => json!({
+            EventKind::CutEnd { channel, place, line, may_be_longer, latest } => json!({
                 "event": "cut_end", "channel": channel, "cut_record": place.record.number(),
                 "cut_fraction": place.fraction, "cut_line": line, "may_be_longer": may_be_longer,
+                "latest_record": latest.number(),
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
             EventKind::LossWatch { is_watched } => json!({"event": "loss_watch", "watched": is_watched}),

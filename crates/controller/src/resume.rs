@@ -62,6 +62,8 @@ pub struct ResumedCutEnd {
     pub channel: u8,
     /// The place.
     pub place: Place,
+    /// Record up to which its kerf may reach, where the job was resumed before, has passed there and struck no arc.
+    pub latest: RecordIndex,
     /// Whether the cut was interrupted there and not continued. It counts also where the program has switched the
     /// cutter off since; other places count where the program expects the cutter to be on at `reached`.
     pub is_interruption: bool,

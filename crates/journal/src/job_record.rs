@@ -102,6 +102,8 @@ pub struct InterruptedCut {
     pub channel: u8,
     /// Where it ends.
     pub place: Place,
+    /// Record up to which its kerf may reach, where a resumed job has passed there and struck no arc.
+    pub latest: RecordIndex,
     /// Whether the interruption was seen as it happened, and the job not resumed since.
     pub is_exact: bool,
 }
@@ -114,7 +116,9 @@ fn interrupted_cut(event: &Value) -> Option<InterruptedCut> {
     let fraction = u32::try_from(number("cut_fraction")?).ok()?;
     let channel = u8::try_from(number("channel")?).ok()?;
     let is_exact = event["may_be_longer"] != true;
-    Some(InterruptedCut { channel, place: Place { record, fraction }, is_exact })
+    let latest = number("latest_record").and_then(|number| u32::try_from(number).ok());
+    let latest = latest.map_or(record, RecordIndex::new);
+    Some(InterruptedCut { channel, place: Place { record, fraction }, latest, is_exact })
 }
 
 /// Last known position of a machine.
@@ -562,7 +566,14 @@ mod tests {
         assert_eq!(end(vec![runs(30, true, false), runs(33, false, true)]), Some((33, 0)), "a hold");
         assert_eq!(end(vec![runs(30, true, false), retraces(10, 36)]), Some((35, 0)));
         assert_eq!(end(vec![runs(30, false, false)]), None, "a rapid");
-        assert_eq!(read(vec![lost]).certain_cut_end(4), None, "another cutter");
+        assert_eq!(read(vec![lost.clone()]).certain_cut_end(4), None, "another cutter");
+        let passed = json!({
+            "event": "cut_end", "channel": 3, "cut_record": 40, "cut_fraction": 7, "may_be_longer": true,
+            "latest_record": 66,
+        });
+        let latest = |entries| read(entries).interrupted_cut().map(|cut| (cut.latest.number(), cut.is_exact));
+        assert_eq!(latest(vec![lost.clone()]), Some((40, true)));
+        assert_eq!(latest(vec![lost, JournalEntry::Event(passed)]), Some((66, false)));
     }
 
     #[test]

@@ -308,7 +308,13 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     lock_model(&model).stage = ScreenStage::Job;
     lock_model(&model).program_outputs = [(64, 1)].into();
     event(EventKind::CutterOff { channel: 64, reason: CutterOffReason::Card(CutterOffCause::Lost) });
-    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 13, may_be_longer: false });
+    event(EventKind::CutEnd {
+        channel: 64,
+        place: Place::default(),
+        line: 13,
+        may_be_longer: false,
+        latest: RecordIndex::default(),
+    });
     set(Mode::Run, HoldReason::Hold, true);
     says("CUT INTERRUPTED");
     says(" torch lost; the cut ends in line 13; k goes back and cuts on — k recover");
@@ -327,7 +333,13 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     says("at rest until more path is planned");
     // another interruption, by a hold
     event(EventKind::CutterOff { channel: 64, reason: CutterOffReason::Card(CutterOffCause::Standing) });
-    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 14, may_be_longer: false });
+    event(EventKind::CutEnd {
+        channel: 64,
+        place: Place::default(),
+        line: 14,
+        may_be_longer: false,
+        latest: RecordIndex::default(),
+    });
     set(Mode::Run, HoldReason::Hold, true);
     says(" the cut ends in line 14; k goes back and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));

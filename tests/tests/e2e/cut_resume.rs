@@ -172,16 +172,16 @@ fn a_cut_is_resumed_after_a_collision_and_after_an_emergency_stop() {
 }
 
 /// The power of the card and the host fails once the host has reported `told`; the journal ends where `durable` says,
-/// from its text. The axes are homed again, and the job is resumed with `script`. Returns what that printed, and the
-/// verdict on the part.
+/// from its text. The axes are homed again, and the job is resumed, which ends with each of the exit codes, with that
+/// script. Returns what the last one printed, and the verdict on the part.
 fn power_failed(
-    (faults, first, script): (&str, &str, &str),
+    (faults, first, resumes): (&str, &str, &[(i32, &str)]),
     (told, delay_ms): (&str, u64),
     durable: impl Fn(&str) -> usize,
 ) -> (String, Verdict) {
     let bench = Bench::new();
     let machine = cut_part::machine(MachineKind { senses: false, homes: true });
-    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &machine), ("first.op", first), ("s.op", script)] {
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &machine), ("first.op", first)] {
         bench.file(name, text);
     }
     let whole = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
@@ -208,10 +208,15 @@ fn power_failed(
     card.operate("power on");
     thread::sleep(Duration::from_millis(100));
     card.home(&bench).expect("it is homed again");
-    let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "s.op"]);
-    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    let mut out = String::new();
+    for &(code, script) in resumes {
+        bench.file("s.op", script);
+        let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "s.op"]);
+        assert_eq!(resumed.code, Some(code), "{script}: {}{}", resumed.out, resumed.err);
+        out = resumed.out;
+    }
     let _ = card.end();
-    (resumed.out, judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED))
+    (out, judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &cut_part::JUDGED))
 }
 
 /// The power fails soon after the pierce, and the end of the pierce is not in the journal: nobody knows whether the
@@ -222,24 +227,29 @@ fn a_cut_is_resumed_whose_pierce_was_not_recorded_when_the_power_failed() {
         let is_end = |line: &&str| line.contains("\"M3\"") && line.contains("\"switched\"");
         text.lines().find(is_end).and_then(|line| text.find(line)).expect("the pierce is complete")
     };
-    let scripts = ("", "", "after 6s recover\nafter 6s recover\n");
-    let (out, verdict) = power_failed(scripts, ("\"cutting\"", 60), before_end_of_pierce);
+    let resumes: &[_] = &[(0, "after 6s recover\nafter 6s recover\n")];
+    let (out, verdict) = power_failed(("", "", resumes), ("\"cutting\"", 60), before_end_of_pierce);
     let (pierces, moves) = (out.find("not_started"), out.find("cut_continued"));
     assert!(pierces.is_some() && pierces < moves, "{out}");
     assert!(verdict.is_good(), "{verdict:?}\n{out}");
 }
 
 /// The arc is lost close to the end of its contour, the cut is continued to the end, and the journal lacks that: where
-/// the torch passes to the end once more and no arc strikes, the kerf is taken to end there, and the job goes on.
+/// the torch passes to the end once more and no arc strikes, the job is held; the next pass takes the kerf to end there,
+/// and the job goes on, also where it was resumed once more in between.
 #[test]
 fn a_cut_whose_last_bit_is_not_in_the_journal_does_not_hold_the_job_for_ever() {
     let behind_loss = |text: &str| {
         let lost = text.lines().find(|line| line.contains("\"cut_end\"")).expect("the loss is recorded");
         text.find(lost).expect("it is a part of it") + lost.len() + 1
     };
-    let scripts = ("lose@59.5", "at 8s recover\n", "after 4s recover\nafter 4s recover\n");
-    let (out, verdict) = power_failed(scripts, ("\"event\":\"contour\"", 0), behind_loss);
-    let (held, goes_on) = (out.find("\"reason\":\"lost\""), out.find("cut_continued"));
-    assert!(held.is_some() && held < goes_on, "{out}");
-    assert_eq!(verdict.not_cut, 0, "{verdict:?}\n{out}");
+    let [held, goes_on] = [(4, "after 15s stop\n"), (0, "")];
+    for resumes in [&[(0, "after 4s recover\nafter 4s recover\n")][..], &[held, goes_on]] {
+        let what = ("lose@59.5", "at 8s recover\n", resumes);
+        let (out, verdict) = power_failed(what, ("\"event\":\"contour\"", 0), behind_loss);
+        let (lost, continued) = (out.find("\"reason\":\"lost\""), out.find("cut_continued"));
+        assert!(continued.is_some() && (lost.is_none() || lost < continued), "{out}");
+        assert_eq!(lost.is_some(), resumes.len() == 1, "{out}");
+        assert_eq!(verdict.not_cut, 0, "{verdict:?}\n{out}");
+    }
 }

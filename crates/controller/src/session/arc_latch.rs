@@ -131,6 +131,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn look_further_next_time(&mut self, status: &CardStatus<A>) {
         if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.may_be_longer) {
             end.latest = status.place;
+            self.emit_cut_end();
         }
     }
 

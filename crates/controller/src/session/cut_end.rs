@@ -67,8 +67,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The cut of this cutter ends at `place`, and is to be continued there.
     pub(super) fn begin_rest_of_cut(&mut self, place: Place, channel: u8) {
         self.recovery.cut_end = Some(CutEnd { place, latest: place, channel, may_be_longer: false });
-        let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
-        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: false });
+        self.emit_cut_end();
     }
 
     /// Records where a cut ended because the operator switches this cutter off.
@@ -105,20 +104,27 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_lit = |end: &&ResumedCutEnd| expected.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
         let lit = ends.iter().find(is_lit);
         let cut = lit.or_else(|| ends.iter().find(|end| end.is_interruption));
-        let Some(&ResumedCutEnd { channel, place, is_interruption, is_exact }) = cut else { return };
+        let Some(&ResumedCutEnd { channel, place, latest: passed, is_interruption, is_exact }) = cut else { return };
         let reached = Place::start_of(reached);
         let pierce = self.streamer.pierce_before(if is_interruption { place } else { reached });
         let later = |a: Place, b: Place| if a.distance_to(b) > Distance::ZERO { b } else { a };
         let place = pierce.map_or(place, |pierce| later(place, Place::start_of(pierce + 1)));
         // Where the machine had gone back to continue it, it ends beyond the furthest place.
         let latest = if is_exact || lit.is_none() { place } else { later(place, reached) };
+        let latest = later(latest, Place::start_of(passed));
         self.recovery.cut_end = Some(CutEnd { place, latest, channel, may_be_longer: true });
         if let Some(pierce) = pierce {
             let line = self.streamer.record(pierce).map_or(0, |record| record.line);
             self.cut_map.begin_contour(pierce, line, channel);
         }
-        let line = self.streamer.record(place.record).map_or(0, |record| record.line);
-        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: true });
+        self.emit_cut_end();
+    }
+
+    /// Reports the end of the interrupted cut, which the journal keeps.
+    pub(super) fn emit_cut_end(&mut self) {
+        let Some(CutEnd { place, latest, channel, may_be_longer }) = self.recovery.cut_end else { return };
+        let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
+        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer, latest: latest.record });
     }
 
     /// The cut that ended at `end` is continued at `at`: counts what lies in between, as far as that is known.

@@ -43,7 +43,13 @@ fn examples() -> Vec<EventKind> {
         EventKind::RestartSwitched("M3"),
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
         EventKind::CutterState { channel: 3, state: CutterState::Piercing, contour: 2 },
-        EventKind::CutEnd { channel: 3, place: Place::default(), line: 4, may_be_longer: false },
+        EventKind::CutEnd {
+            channel: 3,
+            place: Place::default(),
+            line: 4,
+            may_be_longer: false,
+            latest: RecordIndex::new(7),
+        },
         EventKind::NotCut(1.25),
         EventKind::CutContinued,
         EventKind::ContoursRestored(

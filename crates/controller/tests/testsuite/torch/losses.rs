@@ -131,7 +131,8 @@ fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
             let place =
                 first.picked(|kind| if let EventKind::CutEnd { place, .. } = *kind { Some(place) } else { None })[0];
             let CardStatus { place: at, reached, executed, .. } = *first.end.card.status();
-            let cut_end = ResumedCutEnd { channel: FIRE, place, is_interruption: true, is_exact: true };
+            let cut_end =
+                ResumedCutEnd { channel: FIRE, place, latest: place.record, is_interruption: true, is_exact: true };
             let start = PathStart { place: at, rests: false, reached, executed, keeps_layer: false };
             let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
             let cut_before = first.cut_squares();
@@ -165,7 +166,8 @@ fn a_kerf_that_ends_in_the_last_records_of_its_contour_is_complete() {
         let back = format!("G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X{}\nM2\n", rests.counts[0] as f64 / 200.0);
         let first = run(&machine(), &back, "", "");
         let place = Place::start_of(at - 900);
-        let cut_end = ResumedCutEnd { channel: FIRE, place, is_interruption: false, is_exact: false };
+        let cut_end =
+            ResumedCutEnd { channel: FIRE, place, latest: place.record, is_interruption: false, is_exact: false };
         let start = PathStart { place: Place::start_of(at), rests: false, reached: at, executed, keeps_layer: false };
         let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
         let rest =
