@@ -177,9 +177,9 @@ impl ResumeStep<'_> {
         let is_checked_here = |file: &&ReadFile| !is_latched(file) && file.role != FileRole::Cycles;
         for file in job.files.iter().filter(is_checked_here) {
             let path = if file.role == FileRole::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
-            let read = files::hash(&path, role_name(file.role))?;
+            let read = files::hash(&path, file.role.name())?;
             if read != file.hash {
-                let what = format!("the {} {} has changed since the job started", role_name(file.role), path.display());
+                let what = format!("the {} {} has changed since the job started", file.role.name(), path.display());
                 return Err(self.file_changed(what).into());
             }
         }
@@ -214,7 +214,7 @@ impl ResumeStep<'_> {
         }
         let new = read.iter().find(|now| roles.contains(&now.role) && !was.iter().any(|file| same(now, file)));
         new.map_or(Ok(()), |file| {
-            let (role, path) = (role_name(file.role), &file.path);
+            let (role, path) = (file.role.name(), &file.path);
             Err(self.file_changed(format!("the {role} {path} would be read now; it was not when the job started")))
         })
     }
@@ -570,19 +570,6 @@ fn with_confirmation(script: Vec<ScriptInstruction>, recovers: bool) -> Result<V
 fn other_card(what: &str) -> NumberedError {
     let remedy = "connect the card that the job ran on, or start at a line with `retrace resume JOB --from-line N`";
     NumberedError::new("E2212", what, remedy)
-}
-
-/// Role of a file in words.
-fn role_name(role: FileRole) -> &'static str {
-    match role {
-        FileRole::Program => "program",
-        FileRole::Subprogram => "subprogram",
-        FileRole::Cycles => "cycle",
-        FileRole::Tools => "tool table",
-        FileRole::Parameters => "parameter file",
-        FileRole::Ini => "INI file",
-        FileRole::Materials => "material table",
-    }
 }
 
 fn counts<const A: usize>(of: &[i64]) -> [i64; A] {

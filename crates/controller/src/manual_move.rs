@@ -81,9 +81,9 @@ impl ManualMove {
         self.off_path
     }
 
-    /// Stops the move.
+    /// Stops the move. A further stop changes nothing: one that is repeated must not restart the wait for rest.
     pub(crate) fn stop(&mut self) {
-        if !matches!(self.state, ManualMoveState::Ended(_)) {
+        if !matches!(self.state, ManualMoveState::Ended(_) | ManualMoveState::Stopping) {
             (self.state, self.rest_periods) = (ManualMoveState::Stopping, 0);
         }
     }

@@ -126,6 +126,22 @@ pub enum FileRole {
     Materials,
 }
 
+impl FileRole {
+    /// The role in words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Program => "program",
+            Self::Subprogram => "subprogram",
+            Self::Cycles => "cycle",
+            Self::Tools => "tool table",
+            Self::Parameters => "parameter file",
+            Self::Ini => "INI file",
+            Self::Materials => "material table",
+        }
+    }
+}
+
 /// A file that decoding has read.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

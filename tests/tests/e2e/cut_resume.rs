@@ -235,8 +235,8 @@ fn a_cut_is_resumed_whose_pierce_was_not_recorded_when_the_power_failed() {
 }
 
 /// The arc is lost close to the end of its contour, the cut is continued to the end, and the journal lacks that: where
-/// the torch passes to the end once more and no arc strikes, the job is held; the next pass takes the kerf to end there,
-/// and the job goes on, also where it was resumed once more in between.
+/// the torch passes to the end once more and no arc strikes, the job is held; the next pass takes the kerf to end
+/// there, and the job goes on, also where it was resumed once more in between.
 #[test]
 fn a_cut_whose_last_bit_is_not_in_the_journal_does_not_hold_the_job_for_ever() {
     let behind_loss = |text: &str| {

@@ -461,6 +461,17 @@ fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released()
     assert_eq!(terminal.wait_for_end(), Some(0));
 }
 
+/// Who quits while an axis still moves stops it, and the command ends.
+#[test]
+fn quitting_during_a_jog_stops_the_axis_and_ends_the_command() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94\nF3000\nG1 X30\nM2\n");
+    terminal.keys("r");
+    terminal.wait_for_text("works while");
+    terminal.keys(&format!("{RIGHT}q"));
+    assert_eq!(terminal.wait_for_end(), Some(4));
+}
+
 /// A job that was stopped is resumed at the screen: the resume is shown and confirmed, and every key works from there
 /// on.
 #[test]
