@@ -1,0 +1,319 @@
+// Carries out the actions of the key table: by an order to the machine, or by a part of the page.
+//
+// Invariant: an action that moves or switches something is carried out only if the server offers it now.
+
+import { confirm, openDialog, prompt } from './dialog.js';
+import { element } from './element.js';
+import { formatLength, lengthUnit, orderNumber, parseLength } from './units.js';
+
+const RETRACE_PERCENTS = [100, 50, 25, 10];
+const RAPID_PERCENTS = [100, 50, 25, 0];
+const NEW_PERCENT_MS = 1500;
+
+const ORDERS = {
+  'cycle-start': 'cycle start',
+  'reverse-rapid': 'reverse 800%',
+  'forward-rapid': 'forward 800%',
+  wheel: 'wheel',
+  leave: 'leave',
+  'leave-ask': 'leave ask',
+  'back-block': 'back to block',
+  'back-jet': 'back to pierce',
+  'back-to-cut-end': 'back to cut end',
+  whole: 'override 100%',
+  single: 'single',
+  pause: 'pause',
+  park: 'park',
+  'change-done': 'change done',
+  'cutter-off': 'cutter off',
+  'cutter-on': 'cutter on',
+  recover: 'recover',
+  online: 'online',
+  'clear-alarm': 'reset',
+  home: 'home',
+};
+
+/** Actions of the page: they move nothing, and watchers have them too. */
+const PAGE_ACTIONS = new Set([
+  'hold',
+  'view',
+  'zoom-in',
+  'zoom-out',
+  'pan',
+  'fit',
+  'messages',
+  'help',
+  'tools',
+  'contours',
+  'open-program',
+  'mdi',
+  'work-zero',
+  'step',
+  'next-axis',
+  'jog',
+]);
+
+/** Actions that go on the keyboard and on suggestion buttons. */
+export class ActionTable {
+  constructor(store, orders) {
+    Object.assign(this, { store, orders });
+    this.page = {};
+    this.retracePercent = { mode: '', percent: 100 };
+    this.wantedOverride = { percent: 100, at: -Infinity };
+  }
+
+  /** Registers what the page does for some actions. */
+  register(handlers) {
+    Object.assign(this.page, handlers);
+  }
+
+  /** Row of the key table. */
+  row(id) {
+    return this.store.hello?.actions.find(action => action.id === id);
+  }
+
+  label(id) {
+    return this.row(id)?.label ?? id.replaceAll('-', ' ');
+  }
+
+  /** Key of an action as it is written on a button. */
+  keyText(id) {
+    const key = this.row(id)?.keys?.[0];
+    return key === ' ' ? 'Space' : (key ?? '');
+  }
+
+  /** Whether the action can be carried out now by this page. */
+  isPossible(id) {
+    if (id === 'hold') return true;
+    if (PAGE_ACTIONS.has(id)) return this.page[id] !== undefined;
+    if (id === 'quit') return this.store.isHolder && !this.store.isSetup;
+    return this.store.allows(id);
+  }
+
+  /** Carries out an action. Returns whether it could. */
+  perform(id) {
+    if (id === 'hold') {
+      this.orders.hold();
+      return true;
+    }
+    if (!this.isPossible(id)) return false;
+    if (this.page[id]) this.page[id]();
+    else if (ORDERS[id]) this.orders.send(ORDERS[id]);
+    else this[`perform_${id.replaceAll('-', '_')}`]?.();
+    return true;
+  }
+
+  /** Next percentage of a repeated reverse or forward run. */
+  retrace(mode) {
+    const state = this.store.state,
+      last = this.retracePercent;
+    const again = last.mode === mode && state.mode === mode && !state.word.includes('HOLD');
+    const index = again ? (RETRACE_PERCENTS.indexOf(last.percent) + 1) % RETRACE_PERCENTS.length : 0;
+    this.retracePercent = { mode, percent: RETRACE_PERCENTS[index] };
+    this.orders.send(`${mode} ${RETRACE_PERCENTS[index]}%`);
+  }
+
+  perform_reverse() {
+    this.retrace('reverse');
+  }
+  perform_forward() {
+    this.retrace('forward');
+  }
+
+  /** Changes the feed override by some percent. Presses in quick succession add up. */
+  changeOverride(difference) {
+    const now = performance.now(),
+      { state } = this.store;
+    const shown = Math.round(state.override * 100);
+    const from = now - this.wantedOverride.at < NEW_PERCENT_MS ? this.wantedOverride.percent : shown;
+    const most = Math.round((state.override_max ?? 1) * 100);
+    const percent = Math.min(Math.max(from + difference, 0), most);
+    this.wantedOverride = { percent, at: now };
+    this.orders.send(`override ${percent}%`);
+  }
+
+  perform_faster() {
+    this.changeOverride(10);
+  }
+  perform_slower() {
+    this.changeOverride(-10);
+  }
+
+  changeRapidOverride(down) {
+    const shown = Math.round(this.store.state.rapid_override * 100);
+    const next = down
+      ? (RAPID_PERCENTS.find(percent => percent < shown) ?? 0)
+      : (RAPID_PERCENTS.findLast(percent => percent > shown) ?? 100);
+    this.orders.send(`rapid override ${next}%`);
+  }
+
+  perform_rapid_override() {
+    const shown = Math.round(this.store.state.rapid_override * 100);
+    this.orders.send(`rapid override ${RAPID_PERCENTS.find(percent => percent < shown) ?? 100}%`);
+  }
+
+  perform_agree() {
+    this.orders.send(this.store.state.question ? 'yes' : 'agree');
+  }
+  perform_decline() {
+    this.orders.send('no');
+  }
+  perform_spindle() {
+    this.orders.send(this.store.state.pause?.stopped ? 'spindle start' : 'spindle stop');
+  }
+
+  perform_optional_stop() {
+    this.orders.send(`optional stop ${this.store.state.optional_stop ? 'off' : 'on'}`);
+  }
+
+  perform_dry_run() {
+    this.orders.send(`dry run ${this.store.state.dry_run ? 'off' : 'on'}`);
+  }
+
+  perform_set_up() {
+    confirm({
+      title: 'Release the job and set up?',
+      text: 'Reverse run over this job ends with it.',
+      label: 'Set up',
+      run: () => this.orders.send('set up'),
+    });
+  }
+
+  perform_test_pulse() {
+    confirm({
+      title: 'Fire a test pulse?',
+      text: 'The cutter comes on at this place, at rest.',
+      label: 'Fire',
+      run: () => this.orders.send('test pulse'),
+    });
+  }
+
+  perform_skip_contour() {
+    confirm({
+      title: 'Skip the rest of this contour?',
+      text: 'It is passed with the cutter off.',
+      label: 'Skip',
+      run: () => this.orders.send('skip contour'),
+    });
+  }
+
+  perform_quit() {
+    confirm({
+      title: 'Stop the job?',
+      text: 'The machine brakes on the path. The job can be resumed later.',
+      label: 'STOP',
+      run: () => this.orders.send('stop'),
+    });
+  }
+
+  perform_cut_from_here() {
+    const choice = (label, words, extra = {}) => ({ label, run: () => this.orders.send(words), ...extra });
+    openDialog({
+      key: 'cut',
+      title: 'Cut from here',
+      content: [
+        element('p', {
+          text:
+            'The program is executed again from the ' +
+            'place where the machine stands. Contours that are cut already are passed with the cutter off.',
+        }),
+      ],
+      choices: [
+        { label: 'Cancel' },
+        choice('Cut', 'cut', { main: true }),
+        choice('Pierce first', 'cut pierce'),
+        choice('Start moving', 'cut moving'),
+        choice('Cut all again', 'cut all'),
+      ],
+    });
+  }
+
+  perform_back_by() {
+    prompt({
+      title: 'Back along the path',
+      text: `Length in ${lengthUnit()}, or a contour: c3`,
+      label: 'Back',
+      value: '',
+      check: text => (/^c\d+$/i.test(text.trim()) || parseLength(text) > 0 ? null : 'Enter a length above 0, or c3.'),
+      run: text => {
+        const contour = /^c(\d+)$/i.exec(text.trim());
+        this.orders.send(contour ? `back to contour ${contour[1]}` : `back ${orderNumber(parseLength(text))} mm`);
+      },
+    });
+  }
+
+  perform_shift() {
+    const choice = (label, words) => ({ label, run: () => this.orders.send(words) });
+    openDialog({
+      key: 'shift',
+      title: 'Shift the start of the cut',
+      content: [element('p', { text: 'The next start lies one width of the kerf further in this direction.' })],
+      choices: [
+        { label: 'Cancel' },
+        choice('NW', 'shift nw'),
+        choice('N', 'shift n'),
+        choice('NE', 'shift ne'),
+        choice('W', 'shift w'),
+        choice('None', 'shift 0'),
+        choice('E', 'shift e'),
+        choice('SW', 'shift sw'),
+        choice('S', 'shift s'),
+        choice('SE', 'shift se'),
+        { label: 'X, Y …', run: () => this.enterShift() },
+        choice('Lead in by an arc', 'lead arc'),
+        choice('Lead in straight', 'lead line'),
+      ],
+    });
+  }
+
+  enterShift() {
+    const parse = text =>
+      text
+        .trim()
+        .split(/[\s;]+/)
+        .map(parseLength);
+    prompt({
+      title: 'Shift the start of the cut',
+      text: `X and Y in ${lengthUnit()}, separated by a space`,
+      label: 'Shift',
+      check: text => (parse(text).length === 2 && parse(text).every(mm => mm !== null) ? null : 'Enter two lengths.'),
+      run: text => this.orders.send(`shift ${parse(text).map(orderNumber).join(' ')}`),
+    });
+  }
+
+  perform_tool_length() {
+    prompt({
+      title: 'Length of the new tool',
+      text: `In ${lengthUnit()}: the length, or a difference with + or \u2212`,
+      label: 'Set',
+      check: text => (parseLength(text) === null ? 'Enter a length.' : null),
+      run: text => {
+        const mm = orderNumber(parseLength(text));
+        this.orders.send(/^\s*[+\-\u2212]/.test(text) ? `tool length by ${mm}` : `tool length ${mm}`);
+      },
+    });
+  }
+
+  perform_output() {
+    this.page.outputs?.();
+  }
+
+  /** Opens the choices of where to go back to. */
+  openBackMenu() {
+    const { live } = this.store;
+    const choice = (id, label) => ({ label, run: () => this.perform(id), off: !this.isPossible(id) });
+    openDialog({
+      key: 'back',
+      title: 'Back along the path to …',
+      content: [element('p', { text: live ? `The history reaches ${formatLength(live.history_mm)} back.` : '' })],
+      choices: [
+        { label: 'Cancel' },
+        choice('back-by', 'A distance or a contour …'),
+        choice('back-block', 'Start of the block'),
+        choice('back-jet', 'Last pierce'),
+        choice('back-to-cut-end', 'End of the interrupted cut'),
+        choice('reverse-rapid', 'Rapid reverse run'),
+      ],
+    });
+  }
+}

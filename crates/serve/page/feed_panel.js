@@ -1,0 +1,213 @@
+// Shows feed, rate and times; sets the overrides; shows the cutter; switches the outputs.
+//
+// Invariant: an output of a cutter is switched on only after a question.
+
+import { button, element, setChildren, setOff, setText, isOff } from './element.js';
+import { confirm, openDialog } from './dialog.js';
+import { feedUnit, formatDuration, formatFeed, formatPercent } from './units.js';
+import { sign } from './signs.js';
+
+const SHOWN_OUTPUTS = 4;
+const CUTTER_WORDS = {
+  off: 'off',
+  sensing: 'sensing the sheet',
+  igniting: 'igniting',
+  piercing: 'piercing',
+  cutting: 'CUTTING',
+  ending: 'ending',
+  lost: 'LOST',
+  dry: 'off: dry run',
+  test: 'TEST PULSE',
+};
+
+/** Feed, overrides, cutter and outputs. */
+export class FeedPanel {
+  constructor(place, store, orders, actions) {
+    Object.assign(this, { place, store, orders, actions });
+    const figure = name => {
+      const value = element('b');
+      return { value, node: element('span', { class: 'figure' }, `${name} `, value) };
+    };
+    this.feed = figure('F');
+    this.unit = element('small');
+    this.feed.node.append(' ', this.unit);
+    this.rate = figure('rate');
+    this.left = figure('left');
+    this.run = figure('run');
+    this.cutter = element('p', { class: 'cutter-line' });
+    this.feedOverride = this.overrideKeys('feed', 'slower');
+    this.rapidOverride = this.overrideKeys('rapid', 'rapid-override');
+    this.outputs = element('div', { class: 'outputs', role: 'group', 'aria-label': 'Outputs' });
+    this.outputButtons = [];
+    place.append(
+      element('div', { class: 'figures' }, this.feed.node, this.rate.node, this.left.node, this.run.node),
+      element('div', { class: 'overrides' }, this.feedOverride.node, this.rapidOverride.node),
+      this.cutter,
+      this.outputs,
+    );
+    store.on('hello', hello => this.build(hello));
+    store.on('state control link', () => this.showState());
+    actions.register({ outputs: () => this.openOutputs() });
+  }
+
+  overrideKeys(name, id) {
+    const isFeed = name === 'feed',
+      { orders, actions } = this;
+    const run = perform => event => {
+      if (!isOff(event.currentTarget)) perform();
+    };
+    const less = element(
+      'button',
+      {
+        type: 'button',
+        'aria-label': `${name} override down`,
+        on: { click: run(() => (isFeed ? actions.changeOverride(-10) : actions.changeRapidOverride(true))) },
+      },
+      sign('minus'),
+    );
+    const more = element(
+      'button',
+      {
+        type: 'button',
+        'aria-label': `${name} override up`,
+        on: { click: run(() => (isFeed ? actions.changeOverride(10) : actions.changeRapidOverride(false))) },
+      },
+      sign('plus'),
+    );
+    const value = element('b', { text: '100 %' });
+    const whole = element(
+      'button',
+      {
+        type: 'button',
+        class: 'whole',
+        title: 'Set to 100 %',
+        on: { click: run(() => orders.send(isFeed ? 'override 100%' : 'rapid override 100%')) },
+      },
+      element('small', { text: name }),
+      value,
+    );
+    const node = element(
+      'div',
+      { class: 'override', role: 'group', 'aria-label': `${name} override` },
+      less,
+      whole,
+      more,
+    );
+    return { node, value, buttons: [less, whole, more], id };
+  }
+
+  build(hello) {
+    const { outputs } = hello.machine;
+    const sorted = [...outputs].sort((a, b) => Number(b.is_cutter) - Number(a.is_cutter));
+    const isMore = sorted.length > SHOWN_OUTPUTS;
+    const shown = sorted.slice(0, isMore ? SHOWN_OUTPUTS - 1 : SHOWN_OUTPUTS);
+    this.outputButtons = shown.map(output => this.outputButton(output));
+    const more = isMore ? button(`all ${outputs.length}`, () => this.openOutputs()) : null;
+    setChildren(this.outputs, ...this.outputButtons.map(entry => entry.node), more);
+    this.outputs.dataset.count = String(shown.length + (isMore ? 1 : 0));
+    this.showState();
+  }
+
+  outputButton(output) {
+    const mark = element('span', { class: 'output-mark', 'aria-hidden': 'true' });
+    const node = element(
+      'button',
+      { type: 'button', class: 'output', 'aria-pressed': 'false', on: { click: () => this.toggle(output, node) } },
+      mark,
+      element('span', { class: 'output-name', text: output.name }),
+    );
+    return { output, node, mark };
+  }
+
+  valueOf(output) {
+    return this.store.state?.outputs.find(entry => entry.channel === output.channel);
+  }
+
+  toggle(output, node) {
+    if (isOff(node)) return;
+    const isOn = (this.valueOf(output)?.value ?? 0) !== 0;
+    const send = () => this.orders.send(`output ${output.channel} ${isOn ? 'off' : 'on'}`);
+    if (isOn && output.is_cutter) this.orders.send('cutter off');
+    else if (!isOn && output.is_cutter) {
+      confirm({
+        title: `Switch ${output.name} on?`,
+        text: 'It is a cutter: it fires where the machine stands.',
+        label: `${output.name} on`,
+        run: send,
+      });
+    } else send();
+  }
+
+  openOutputs() {
+    const entries = (this.store.hello?.machine.outputs ?? []).map(output => this.outputButton(output));
+    const list = element('div', { class: 'outputs in-dialog' }, ...entries.map(entry => entry.node));
+    this.dialogButtons = entries;
+    openDialog({
+      key: 'outputs',
+      title: 'Outputs',
+      content: [list],
+      choices: [{ label: 'Close' }],
+      onClose: () => {
+        this.dialogButtons = [];
+      },
+    });
+    this.showOutputs();
+  }
+
+  showOutputs() {
+    const mayCut = this.store.allows('cutter-on') || this.store.allows('output');
+    for (const { output, node, mark } of [...this.outputButtons, ...(this.dialogButtons ?? [])]) {
+      const entry = this.valueOf(output),
+        isOn = (entry?.value ?? 0) !== 0;
+      const differs =
+        entry && entry.expected !== null && entry.expected !== undefined && entry.expected !== entry.value;
+      node.classList.toggle('on', isOn);
+      node.classList.toggle('differs', Boolean(differs));
+      node.setAttribute('aria-pressed', String(isOn));
+      node.title = differs ? `${output.name}: the program expects ${entry.expected ? 'on' : 'off'}` : output.name;
+      setText(mark, `${isOn ? '■' : '□'}${differs ? '≠' : ''}`);
+      setOff(
+        node,
+        output.is_cutter && !isOn ? !mayCut : !this.store.allows('output') && !this.store.allows('cutter-off'),
+      );
+    }
+  }
+
+  showState() {
+    const { store } = this,
+      { state } = store;
+    if (!state) return;
+    setText(this.feedOverride.value, formatPercent(state.override));
+    setText(this.rapidOverride.value, formatPercent(state.rapid_override));
+    for (const keys of [this.feedOverride, this.rapidOverride]) {
+      for (const node of keys.buttons) setOff(node, !store.allows(keys.id));
+    }
+    this.showOutputs();
+    this.show();
+  }
+
+  /** Shows the newest live figures; called once a frame. */
+  show() {
+    const { live, state } = this.store;
+    if (!state) return;
+    setText(this.unit, feedUnit());
+    setText(this.feed.value, formatFeed(live?.feed));
+    setText(this.rate.value, formatPercent(live?.rate));
+    setText(this.left.value, formatDuration(live?.left_s));
+    setText(this.run.value, formatDuration(live?.run_s));
+    this.showCutter(state, live);
+  }
+
+  showCutter(state, live) {
+    const { cutter } = state;
+    this.cutter.hidden = !cutter;
+    if (!cutter) return;
+    const seconds = live?.seconds_lit ?? cutter.seconds_lit;
+    const parts = [`${cutter.name}: ${CUTTER_WORDS[cutter.state] ?? cutter.state}`];
+    if (cutter.off_reason) parts.push(cutter.off_reason);
+    if (seconds !== null && seconds !== undefined) parts.push(`${seconds.toFixed(1)} s`);
+    if (cutter.contour) parts.push(`contour ${cutter.contour}${cutter.contours ? ` of ${cutter.contours}` : ''}`);
+    setText(this.cutter, parts.join(' · '));
+    this.cutter.dataset.state = cutter.state;
+  }
+}

@@ -1,0 +1,192 @@
+// The jog pad: continuous jogs held to run, steps, home, pause.
+//
+// Invariant: a jog lives by beats from the main thread of this page, each 50 ms. Whatever ends the touch (finger up or
+// lost, a second finger, focus lost, page hidden, link lost) ends the beats and sends the end of the jog.
+
+import { button, element, isOff, setChildren, setOff, setText } from './element.js';
+import { formatStep, jogSteps, orderNumber } from './units.js';
+import { onSettingChange } from './settings.js';
+import { sign } from './signs.js';
+
+const BEAT_MS = 50;
+const PAD = { x: ['left', 'right'], y: ['down', 'up'] };
+
+/** Jog pad. */
+export class JogPad {
+  constructor(store, orders, actions) {
+    Object.assign(this, { store, orders, actions });
+    this.stepIndex = null;
+    this.axisIndex = 0;
+    this.beatNumber = 0;
+    this.held = null;
+    this.pad = element('div', { class: 'jog-pad', role: 'group', 'aria-label': 'Jog' });
+    this.steps = element('div', { class: 'jog-steps', role: 'radiogroup', 'aria-label': 'Jog step' });
+    this.home = button(
+      'Home all',
+      () => {
+        if (!isOff(this.home)) actions.perform('home');
+      },
+      {},
+      sign('home'),
+    );
+    this.zero = button('Zero …', () => actions.perform('work-zero'));
+    this.node = element(
+      'div',
+      { class: 'column jog' },
+      this.steps,
+      this.pad,
+      element('div', { class: 'row' }, this.home, this.zero),
+    );
+    store.on('hello', hello => this.build(hello));
+    store.on('state control link', () => this.showState());
+    onSettingChange(() => {
+      if (store.hello) this.build(store.hello);
+    });
+    for (const name of ['blur', 'pagehide']) addEventListener(name, () => this.end());
+    document.addEventListener('visibilitychange', () => this.end());
+    document.addEventListener(
+      'pointerdown',
+      event => {
+        if (!event.isPrimary) this.end();
+      },
+      true,
+    );
+    store.on('link', () => {
+      if (!store.isLive) this.end();
+    });
+    actions.register({ step: () => this.nextStep(), 'next-axis': () => this.nextAxis() });
+  }
+
+  build(hello) {
+    this.stepsMm = jogSteps(hello.jog_steps_mm);
+    this.stepButtons = [null, ...this.stepsMm].map((mm, index) =>
+      element(
+        'button',
+        { type: 'button', role: 'radio', on: { click: () => this.setStep(index === 0 ? null : index - 1) } },
+        mm === null ? 'held' : formatStep(mm),
+      ),
+    );
+    setChildren(this.steps, ...this.stepButtons);
+    this.keys = hello.machine.axes.flatMap((axis, index) => [false, true].map(up => this.jogKey(axis, index, up)));
+    setChildren(this.pad, ...this.keys.map(key => key.node));
+    this.pad.dataset.axes = String(hello.machine.axes.length);
+    if (this.stepIndex !== null && this.stepIndex >= this.stepsMm.length) this.stepIndex = null;
+    this.setStep(this.stepIndex);
+    this.showState();
+  }
+
+  jogKey(axis, index, up) {
+    const name = `${axis.letter.toUpperCase()}${up ? '+' : '\u2212'}`,
+      place = PAD[axis.letter]?.[Number(up)];
+    const node = element(
+      'button',
+      {
+        type: 'button',
+        class: `jog-key ${axis.letter}-${up ? 'up' : 'down'}`,
+        'aria-label': `Jog ${axis.letter.toUpperCase()} ${up ? 'positive' : 'negative'}`,
+      },
+      sign(place ?? (up ? 'up' : 'down')),
+      element('span', { text: name }),
+    );
+    const key = { axis: axis.letter, index, up, node };
+    node.addEventListener('pointerdown', event => {
+      if (!event.isPrimary || event.button !== 0 || isOff(node)) return;
+      if (this.stepIndex === null) node.setPointerCapture(event.pointerId);
+      this.begin(key);
+    });
+    for (const event of ['pointerup', 'pointercancel', 'lostpointercapture'])
+      node.addEventListener(event, () => this.end());
+    node.addEventListener('keydown', event => {
+      if (event.key === 'Enter' && !event.repeat && !isOff(node)) {
+        event.preventDefault();
+        this.begin(key);
+      }
+    });
+    node.addEventListener('keyup', event => {
+      if (event.key === 'Enter') this.end();
+    });
+    node.addEventListener('blur', () => {
+      if (this.held?.key === key) this.end();
+    });
+    node.addEventListener('contextmenu', event => event.preventDefault());
+    return key;
+  }
+
+  /** Whether an axis may be jogged now. */
+  isPossible() {
+    return this.store.allows('jog');
+  }
+
+  /** Begins a jog of an axis: a step, or continuous until `end`. */
+  begin(key) {
+    if (!this.isPossible()) return;
+    this.end();
+    this.axisIndex = key.index;
+    if (this.stepIndex !== null) {
+      const mm = this.stepsMm[this.stepIndex] * (key.up ? 1 : -1);
+      this.orders.send(`jog ${key.axis} ${orderNumber(mm)}`);
+      return;
+    }
+    const number = ++this.beatNumber;
+    const held = (this.held = { key, number });
+    key.node.classList.add('held');
+    this.orders.startJog(key.axis, key.up, number).then(isStarted => {
+      if (!isStarted && this.held === held) this.end();
+    });
+    held.timer = setInterval(() => this.orders.beat(number), BEAT_MS);
+  }
+
+  /** Ends the jog. */
+  end() {
+    if (!this.held) return;
+    clearInterval(this.held.timer);
+    this.held.key.node.classList.remove('held');
+    this.held = null;
+    this.orders.endJog();
+  }
+
+  /** Begins a jog by a key of the keyboard: an axis by its number or letter. */
+  beginByKey(axis, up) {
+    const index = axis ?? this.store.hello?.machine.axes[this.axisIndex]?.letter;
+    const key = this.keys?.find(each => each.axis === index && each.up === up);
+    if (key) this.begin(key);
+    return key !== undefined;
+  }
+
+  setStep(index) {
+    this.stepIndex = index;
+    this.stepButtons.forEach((node, place) => {
+      const isChosen = place === (index === null ? 0 : index + 1);
+      node.setAttribute('aria-checked', String(isChosen));
+    });
+  }
+
+  nextStep() {
+    this.end();
+    const order = [...this.stepsMm.keys(), null];
+    this.setStep(order[(order.indexOf(this.stepIndex) + 1) % order.length]);
+    this.orders.notices.inform(
+      `Jog step: ${this.stepIndex === null ? 'held to run' : formatStep(this.stepsMm[this.stepIndex])}`,
+    );
+  }
+
+  nextAxis() {
+    const axes = this.store.hello.machine.axes;
+    this.axisIndex = (this.axisIndex + 1) % axes.length;
+    this.orders.notices.inform(`[ and ] jog axis ${axes[this.axisIndex].letter.toUpperCase()}`);
+  }
+
+  showState() {
+    if (!this.keys) return;
+    const isPossible = this.isPossible();
+    if (!isPossible) this.endIfRefused();
+    for (const { node } of this.keys) setOff(node, !isPossible && this.held === null);
+    setOff(this.home, !this.actions.isPossible('home'));
+    setText(this.home.lastChild, 'Home all');
+  }
+
+  /** Ends a jog whose right to move is gone; while it runs, the server may take `jog` from what is possible. */
+  endIfRefused() {
+    if (this.held && !this.store.isHolder) this.end();
+  }
+}

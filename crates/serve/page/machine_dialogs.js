@@ -1,0 +1,139 @@
+// Opens a dialog for what the machine asks or reports: alarm, question, outputs that differ.
+//
+// Invariant: each is opened once, stays above the footer, can be hidden to look at the path, and comes back by a tap on
+// the state word. It closes when its reason is gone.
+
+import { closeDialog, openDialog, openDialogKey } from './dialog.js';
+import { element } from './element.js';
+
+const KEYS = ['alarm', 'question', 'outputs-differ'];
+
+/** Dialogs of the machine. */
+export class MachineDialogs {
+  constructor(store, orders, actions) {
+    Object.assign(this, { store, orders, actions });
+    this.shown = '';
+    store.on('state', () => this.follow());
+    store.on('control link', () => {
+      if (this.shown) this.follow(true);
+    });
+  }
+
+  /** What is to be shown now: `{key, identity}` or null. */
+  reason() {
+    const { state, isLive } = this.store;
+    if (!state || !isLive) return null;
+    if (state.alarm) return { key: 'alarm', identity: `alarm ${state.alarm.number} ${state.alarm.cause}` };
+    if (state.question)
+      return { key: 'question', identity: `question ${state.question.title} ${state.question.lines.join()}` };
+    if (state.differing_outputs?.length > 0 && this.actions.isPossible('agree')) {
+      return { key: 'outputs-differ', identity: `outputs ${JSON.stringify(state.differing_outputs)}` };
+    }
+    return null;
+  }
+
+  follow(always = false) {
+    const reason = this.reason();
+    if (!reason) {
+      this.shown = '';
+      if (KEYS.includes(openDialogKey())) closeDialog();
+      return;
+    }
+    const identity = `${reason.identity} ${this.store.isHolder} ${this.actions.isPossible('clear-alarm')}`;
+    if (identity === this.shown || (always && !KEYS.includes(openDialogKey()))) return;
+    const isOnlyButtons = this.shown.startsWith(reason.identity) && openDialogKey() !== reason.key;
+    this.shown = identity;
+    if (!isOnlyButtons) this.open(reason.key);
+  }
+
+  /** Opens the dialog again, if there is a reason. */
+  reopen() {
+    const reason = this.reason();
+    if (reason) this.open(reason.key);
+  }
+
+  open(key) {
+    if (key === 'alarm') this.openAlarm();
+    else if (key === 'question') this.openQuestion();
+    else this.openOutputs();
+  }
+
+  choice(id, label, extra = {}) {
+    return { label, run: () => this.actions.perform(id), off: !this.actions.isPossible(id), ...extra };
+  }
+
+  openAlarm() {
+    const { alarm } = this.store.state;
+    openDialog({
+      key: 'alarm',
+      level: 'alarm',
+      title: `${alarm.is_refusal ? 'Refused' : 'Alarm'} ${alarm.number}`,
+      content: [element('p', { class: 'cause', text: alarm.cause }), element('p', { text: alarm.remedy })],
+      choices: [
+        { label: 'Hide' },
+        { label: 'Log', run: () => this.actions.perform('messages') },
+        this.choice('clear-alarm', alarm.is_refusal ? 'Close' : 'Reset', { main: true }),
+      ],
+    });
+  }
+
+  openQuestion() {
+    const { question } = this.store.state;
+    openDialog({
+      key: 'question',
+      level: 'waiting',
+      title: question.title,
+      content: [element('ul', { class: 'question-lines' }, ...question.lines.map(text => element('li', { text })))],
+      choices: [
+        { label: 'Hide' },
+        { label: 'No', run: () => this.orders.send('no'), off: !this.store.isHolder },
+        { label: 'Yes', main: true, run: () => this.orders.send('yes'), off: !this.store.isHolder },
+      ],
+    });
+  }
+
+  openOutputs() {
+    const { state, hello } = this.store;
+    const name = channel =>
+      hello.machine.outputs.find(output => output.channel === channel)?.name ?? `output ${channel}`;
+    const word = value => (value ? '■ on' : '□ off');
+    const rows = state.differing_outputs.map(({ channel, value, expected }) =>
+      element(
+        'tr',
+        {},
+        element('th', { scope: 'row', text: name(channel) }),
+        element('td', { text: word(value) }),
+        element('td', { text: word(expected) }),
+      ),
+    );
+    openDialog({
+      key: 'outputs-differ',
+      level: 'waiting',
+      title: 'Outputs differ from the program',
+      content: [
+        element(
+          'table',
+          { class: 'wide' },
+          element(
+            'thead',
+            {},
+            element(
+              'tr',
+              {},
+              element('th', { scope: 'col', text: 'output' }),
+              element('th', { scope: 'col', text: 'now' }),
+              element('th', { scope: 'col', text: 'program' }),
+            ),
+          ),
+          element('tbody', {}, ...rows),
+        ),
+        element('p', { text: 'They are restored in program order, the cutter last; then the program goes on.' }),
+      ],
+      choices: [
+        { label: 'Hide' },
+        ...(this.actions.isPossible('recover') ? [this.choice('recover', 'Recover the cut')] : []),
+        this.choice('agree', 'Restore and go on', { main: true }),
+      ],
+    });
+  }
+}

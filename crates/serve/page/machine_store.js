@@ -1,0 +1,74 @@
+// Holds the newest of everything the server reports, and tells the parts of the page what changed.
+//
+// Invariant: only messages of the server change it; no part of the page writes a state that it expects.
+
+const TOPICS = ['hello', 'state', 'live', 'log', 'control', 'path'];
+
+/** Newest state of the machine. */
+export class MachineStore {
+  constructor() {
+    this.hello = this.state = this.live = this.log = this.control = this.path = null;
+    this.link = 'opening';
+    this.chosen = null;
+    this.listeners = new Map();
+  }
+
+  /** Calls the listener after each change of one of the topics (separated by spaces). */
+  on(topics, listener) {
+    for (const topic of topics.split(' ')) {
+      if (!this.listeners.has(topic)) this.listeners.set(topic, new Set());
+      this.listeners.get(topic).add(listener);
+    }
+  }
+
+  emit(topic) {
+    for (const listener of this.listeners.get(topic) ?? []) listener(this[topic]);
+  }
+
+  /** Takes a message of the server. */
+  apply(message) {
+    if (!TOPICS.includes(message.t)) return;
+    this[message.t] = message;
+    this.emit(message.t);
+  }
+
+  setLink(link) {
+    this.link = link;
+    if (link === 'lost' || link === 'signed-out') this.control = null;
+    this.emit('link');
+  }
+
+  /** Line and records that the user has chosen, or null. */
+  choose(chosen) {
+    this.chosen = chosen;
+    this.emit('chosen');
+  }
+
+  get isLive() {
+    return this.link === 'live';
+  }
+
+  /** Whether this page may give orders: it has the right, the control and a link. */
+  get isHolder() {
+    return this.isLive && this.hello?.rights === 'operate' && this.control?.is_you === true;
+  }
+
+  /** Whether the server offers an action now, to whoever is in control. */
+  offers(id) {
+    return this.isLive && this.state?.can?.includes(id) === true;
+  }
+
+  /** Whether this page may carry out an action now. */
+  allows(id) {
+    return this.isHolder && this.offers(id);
+  }
+
+  /** Whether no job runs. */
+  get isSetup() {
+    return this.state?.stage === 'setup' || this.state?.stage === 'ended';
+  }
+
+  axis(index) {
+    return this.hello?.machine.axes[index];
+  }
+}

@@ -1,0 +1,193 @@
+// Draws the path with WebGL 2.
+//
+// Invariant: thick lines are drawn for a few segments only (current block, chosen line); everything else is thin, one
+// call a chunk.
+
+import { VERTEX_BYTES } from './path_decoder.js';
+import { makePrograms } from './path_shaders.js';
+
+const PICK_RADIUS = 12;
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render|software/i;
+const EVERYTHING = [-3e38, 3e38];
+
+/** Whether this browser draws WebGL on the CPU. Decides about antialiasing, which then costs too much. */
+function drawsInSoftware() {
+  const gl = document.createElement('canvas').getContext('webgl2');
+  if (!gl) return true;
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  const renderer = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension('WEBGL_lose_context')?.loseContext();
+  return SOFTWARE.test(String(renderer));
+}
+
+/** Renderer. Throws where there is no WebGL 2. */
+export class PathRenderer {
+  constructor(canvas, { onLost, onRestored }) {
+    this.canvas = canvas;
+    this.isSoftware = drawsInSoftware();
+    this.gl = canvas.getContext('webgl2', { antialias: !this.isSoftware, alpha: false, powerPreference: 'low-power' });
+    if (!this.gl) throw new Error('this browser has no WebGL 2');
+    this.isLost = false;
+    canvas.addEventListener('webglcontextlost', event => {
+      event.preventDefault();
+      this.isLost = true;
+      onLost();
+    });
+    canvas.addEventListener('webglcontextrestored', () => {
+      this.isLost = false;
+      this.prepare();
+      onRestored();
+    });
+    this.prepare();
+  }
+
+  prepare() {
+    const { gl } = this;
+    this.programs = makePrograms(gl);
+    // An attribute that no array feeds still needs the shader's type, or nothing is drawn.
+    gl.vertexAttribI4ui(1, 0, 0, 0, 0);
+    gl.vertexAttribI4ui(3, 0, 0, 0, 0);
+    this.pickTarget = null;
+    this.drawnVertices = 0;
+  }
+
+  /** Makes a mesh of the graphics card from the vertices. */
+  make(data) {
+    const { gl } = this,
+      buffer = gl.createBuffer();
+    const mesh = { buffer, thin: gl.createVertexArray(), thick: gl.createVertexArray() };
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+    gl.bindVertexArray(mesh.thin);
+    this.point(0, 0, 0);
+    gl.bindVertexArray(null);
+    return mesh;
+  }
+
+  /** Feeds the attributes of one end of the segments, from this offset in bytes. */
+  point(end, offset, divisor) {
+    const { gl } = this;
+    gl.enableVertexAttribArray(2 * end);
+    gl.vertexAttribPointer(2 * end, 3, gl.FLOAT, false, VERTEX_BYTES, offset);
+    gl.vertexAttribDivisor(2 * end, divisor);
+    gl.enableVertexAttribArray(2 * end + 1);
+    gl.vertexAttribIPointer(2 * end + 1, 1, gl.UNSIGNED_INT, VERTEX_BYTES, offset + 12);
+    gl.vertexAttribDivisor(2 * end + 1, divisor);
+  }
+
+  /** Replaces the vertex in place 0. */
+  update(mesh, words) {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, mesh.buffer);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 0, words);
+  }
+
+  free(mesh) {
+    const { gl } = this;
+    gl.deleteBuffer(mesh.buffer);
+    gl.deleteVertexArray(mesh.thin);
+    gl.deleteVertexArray(mesh.thick);
+  }
+
+  use(name, camera, state, width) {
+    const { gl, canvas } = this,
+      { program, uniforms } = this.programs[name],
+      matrix = camera.uniforms();
+    const cursor = Math.floor(state.record),
+      fraction = state.record - cursor;
+    gl.useProgram(program);
+    gl.uniform3fv(uniforms.right, matrix.right);
+    gl.uniform3fv(uniforms.up, matrix.up);
+    gl.uniform2fv(uniforms.offset, matrix.offset);
+    gl.uniform2f(uniforms.picture, canvas.width, canvas.height);
+    gl.uniform1f(uniforms.width, width);
+    gl.uniform1i(uniforms.cursor, cursor);
+    if (name === 'pick') return;
+    gl.uniform2f(uniforms.history, state.oldest - cursor, Math.max(state.reached - cursor, fraction));
+    gl.uniform4fv(uniforms.ink, state.inks);
+    gl.uniform1f(uniforms.dash, state.dash);
+    gl.uniform1f(uniforms.feed_share, state.feedShare);
+    gl.uniform2fv(uniforms.only, EVERYTHING);
+    gl.uniform4f(uniforms.only_ink, 0, 0, 0, 0);
+  }
+
+  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans}`) over them. */
+  draw(camera, state, chunks, ranges) {
+    if (this.isLost) return;
+    const { gl, canvas } = this;
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.clearColor(...state.paper);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    this.use('ink', camera, state, 0);
+    this.drawThin(chunks);
+    for (const range of ranges) this.drawThick(camera, state, range);
+    gl.bindVertexArray(null);
+  }
+
+  drawThin(chunks) {
+    const { gl } = this;
+    this.drawnVertices = 0;
+    for (const { mesh, count, hasJoint } of chunks) {
+      gl.bindVertexArray(mesh.thin);
+      gl.drawArrays(gl.LINE_STRIP, hasJoint ? 0 : 1, hasJoint ? count + 1 : count);
+      this.drawnVertices += count;
+    }
+  }
+
+  drawThick(camera, state, { records, ink, width, spans }) {
+    if (spans.length === 0) return;
+    const { gl } = this,
+      cursor = Math.floor(state.record),
+      { uniforms } = this.programs.ink;
+    this.use('ink', camera, state, width);
+    gl.uniform2f(uniforms.only, records[0] - cursor, records[1] - cursor);
+    gl.uniform4fv(uniforms.only_ink, ink);
+    gl.uniform1f(uniforms.dash, 1e9);
+    for (const { chunk, from, count } of spans) {
+      gl.bindVertexArray(chunk.mesh.thick);
+      gl.bindBuffer(gl.ARRAY_BUFFER, chunk.mesh.buffer);
+      this.point(0, from * VERTEX_BYTES, 1);
+      this.point(1, (from + 1) * VERTEX_BYTES, 1);
+      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    }
+  }
+
+  /** Record nearest to a pixel of the canvas, or null: records are drawn instead of colours, into a small square. */
+  pick(camera, state, chunks, x, y) {
+    if (this.isLost) return null;
+    const { gl, canvas } = this,
+      size = 2 * PICK_RADIUS + 1;
+    if (!this.pickTarget) {
+      this.pickTarget = { frame: gl.createFramebuffer(), store: gl.createRenderbuffer() };
+      gl.bindRenderbuffer(gl.RENDERBUFFER, this.pickTarget.store);
+      gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA32UI, size, size);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.pickTarget.frame);
+      gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, this.pickTarget.store);
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.pickTarget.frame);
+    gl.viewport(
+      PICK_RADIUS - Math.round(x),
+      PICK_RADIUS + 1 + Math.round(y) - canvas.height,
+      canvas.width,
+      canvas.height,
+    );
+    gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
+    this.use('pick', camera, state, 0);
+    this.drawThin(chunks);
+    const pixels = new Uint32Array(4 * size * size);
+    gl.readPixels(0, 0, size, size, gl.RGBA_INTEGER, gl.UNSIGNED_INT, pixels);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.bindVertexArray(null);
+    let best = null,
+      nearest = Infinity;
+    for (let index = 0; index < size * size; index++) {
+      if (pixels[4 * index] === 0) continue;
+      const distance = ((index % size) - PICK_RADIUS) ** 2 + (Math.floor(index / size) - PICK_RADIUS) ** 2;
+      if (distance < nearest) {
+        nearest = distance;
+        best = pixels[4 * index] - 1;
+      }
+    }
+    return best;
+  }
+}

@@ -1,0 +1,385 @@
+// Shows the path: what is cut, retraced and planned, the tool, the furthest place, and the limits of the machine.
+//
+// Invariant: pictures are made from the newest state only, at most one a frame, and only after a change.
+
+import { button, element, setText, svgElement } from './element.js';
+import { PathCamera, VIEWS } from './path_camera.js';
+import { PathChunks } from './path_chunks.js';
+import { PathRenderer } from './path_renderer.js';
+import { followGestures } from './path_gestures.js';
+import { formatPosition } from './units.js';
+import { onSettingChange } from './settings.js';
+import { pathColours } from './path_colours.js';
+import { sign } from './signs.js';
+
+const MAX_VERTICES_SOFTWARE = 70_000;
+const MAX_VERTICES = 1_000_000;
+const LOCATE_MS = 120;
+const FIT_MARGIN_MM = 1;
+
+/** The path view. `orders` asks which line made a record. */
+export class PathView {
+  constructor(place, store, connection, orders, actions) {
+    Object.assign(this, { store, connection, orders });
+    this.camera = new PathCamera();
+    this.colours = pathColours();
+    this.canvas = element('canvas', { id: 'path-canvas', role: 'img', 'aria-label': 'Tool path' });
+    this.limits = svgElement('svg', { class: 'limits', 'aria-hidden': 'true' });
+    this.limitLine = svgElement('path');
+    this.limits.append(this.limitLine);
+    this.tool = mark('tool', 'M12 2v20M2 12h20M12 5a7 7 0 1 0 0 14a7 7 0 1 0 0-14z');
+    this.furthest = mark('furthest', 'M12 3l9 9-9 9-9-9z');
+    this.ghost = mark('ghost', 'M12 4a8 8 0 1 0 0 16a8 8 0 1 0 0-16z');
+    this.note = element('p', { class: 'path-note', hidden: true });
+    this.chosenText = element('p', { class: 'chosen-text', 'aria-live': 'polite' });
+    this.place = element(
+      'div',
+      { id: 'path-view' },
+      this.canvas,
+      this.limits,
+      this.furthest,
+      this.ghost,
+      this.tool,
+      this.legend(),
+      this.toolbar(),
+      this.chosenText,
+      this.note,
+    );
+    place.append(this.place);
+    this.blockRange = null;
+    this.ghostRecord = null;
+    this.follows = 'program';
+    this.begin();
+    followGestures(this.canvas, {
+      pan: (dx, dy) => this.moved(() => this.camera.pan(dx, dy)),
+      zoom: (x, y, factor) => this.moved(() => this.camera.zoomAt(x, y, factor)),
+      turn: (dx, dy) =>
+        this.moved(() => (this.camera.view === '3-D' ? this.camera.turn(dx, dy) : this.camera.pan(dx, dy))),
+      tap: (x, y) => this.pick(x, y),
+      doubleTap: () => this.fit('program'),
+    });
+    new ResizeObserver(() => this.resize()).observe(this.place);
+    store.on('path', path => this.setPath(path));
+    store.on('state', () => this.locateBlock());
+    store.on('chosen', () => this.showChosen());
+    onSettingChange(() => {
+      this.colours = pathColours();
+      this.requestFrame();
+    });
+    actions.register({
+      view: () => this.nextView(),
+      'zoom-in': () => this.zoomBy(1.4),
+      'zoom-out': () => this.zoomBy(1 / 1.4),
+      fit: () => this.fit(this.follows === 'program' ? 'table' : 'program'),
+    });
+  }
+
+  begin() {
+    try {
+      this.renderer = new PathRenderer(this.canvas, {
+        onLost: () => this.chunks.clear(),
+        onRestored: () => this.store.path && this.setPath(this.store.path),
+      });
+    } catch (error) {
+      this.renderer = null;
+      this.note.hidden = false;
+      this.note.textContent = `The path is not drawn: ${error.message}. Everything else works.`;
+    }
+    this.chunks = new PathChunks(this.renderer ?? { make: () => ({}), update() {}, free() {} });
+  }
+
+  legend() {
+    const entry = (name, text) => element('li', { class: name, text });
+    return element(
+      'ul',
+      { class: 'legend', 'aria-label': 'Legend' },
+      entry('cut', 'cut'),
+      entry('retraced', 'retraced'),
+      entry('planned', 'planned'),
+      entry('rapid', 'rapid'),
+      entry('old', 'before the history'),
+      entry('block', 'block'),
+    );
+  }
+
+  toolbar() {
+    this.viewButtons = VIEWS.map(view =>
+      button(view, () => this.setView(view), { 'aria-pressed': String(view === 'top') }),
+    );
+    const tool = (name, label, run) =>
+      element(
+        'button',
+        { type: 'button', class: 'icon', 'aria-label': label, title: label, on: { click: run } },
+        sign(name),
+      );
+    this.tableButton = button('table', () => this.fit('table'), { title: 'Fit to the limits of the machine' });
+    return element(
+      'div',
+      { class: 'path-tools', role: 'toolbar', 'aria-label': 'View of the path' },
+      ...this.viewButtons,
+      element('span', { class: 'gap' }),
+      this.tableButton,
+      tool('fit', 'Fit to the program', () => this.fit('program')),
+      tool('minus', 'Zoom out', () => this.zoomBy(1 / 1.4)),
+      tool('plus', 'Zoom in', () => this.zoomBy(1.4)),
+    );
+  }
+
+  setPath(path) {
+    const isNew = this.shownPath !== path.path;
+    this.chunks.setPath(path);
+    this.shownPath = path.path;
+    if (isNew) {
+      this.blockRange = null;
+      this.blockLine = null;
+      this.store.choose(null);
+      this.fit('program');
+    }
+    this.locateBlock();
+    this.requestFrame();
+  }
+
+  acceptChunk(message) {
+    if (this.chunks.accept(message, performance.now())) this.requestFrame();
+  }
+
+  origin() {
+    return this.store.path?.origin_mm ?? [0, 0, 0];
+  }
+
+  toPath(mm) {
+    const origin = this.origin();
+    return [0, 1, 2].map(axis => (mm?.[axis] ?? 0) - origin[axis]);
+  }
+
+  programBox() {
+    const bounds = this.store.path?.bounds_mm;
+    return bounds ? [...this.toPath(bounds[0]), ...this.toPath(bounds[1])] : null;
+  }
+
+  tableBox() {
+    const axes = ['x', 'y', 'z'].map(letter => this.store.hello?.machine.axes.find(axis => axis.letter === letter));
+    if (!axes[0]?.travel_mm || !axes[1]?.travel_mm) return null;
+    const end = side => this.toPath(axes.map(axis => axis?.travel_mm?.[side] ?? 0));
+    return [...end(0), ...end(1)];
+  }
+
+  fit(what) {
+    const box = (what === 'program' ? this.programBox() : null) ?? this.tableBox() ?? [-1, -1, 0, 1, 1, 0];
+    const wide = box.map((value, index) => value + (index < 3 ? -FIT_MARGIN_MM : FIT_MARGIN_MM));
+    this.follows = what;
+    this.camera.fit(wide);
+    this.requestFrame();
+  }
+
+  setView(view) {
+    this.camera.setView(view);
+    VIEWS.forEach((name, index) => this.viewButtons[index].setAttribute('aria-pressed', String(name === view)));
+    this.fit(this.follows ?? 'program');
+  }
+
+  nextView() {
+    this.setView(VIEWS[(VIEWS.indexOf(this.camera.view) + 1) % VIEWS.length]);
+  }
+
+  zoomBy(factor) {
+    this.moved(() => this.camera.zoomAt(this.camera.width / 2, this.camera.height / 2, factor));
+  }
+
+  /** Pans by some pixels, for the keyboard. */
+  panBy(dx, dy) {
+    this.moved(() => this.camera.pan(dx, dy));
+  }
+
+  moved(change) {
+    change();
+    this.follows = null;
+    this.requestFrame();
+  }
+
+  resize() {
+    const { width, height } = this.place.getBoundingClientRect();
+    if (width === 0) return;
+    const ratio = Math.min(devicePixelRatio, this.renderer?.isSoftware ? 1 : 2),
+      old = this.camera.width;
+    this.camera.resize(width, height);
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(height * ratio);
+    this.ratio = ratio;
+    if (this.follows || old <= 1) this.fit(this.follows ?? 'program');
+    this.requestFrame();
+  }
+
+  /** Where the finger on the scrubber is, as a record, or null. */
+  setGhost(record) {
+    this.ghostRecord = record;
+    this.requestFrame();
+  }
+
+  /** Asks which records the current block has. */
+  async locateBlock() {
+    const line = this.store.live?.line ?? this.store.state?.line,
+      path = this.store.path?.path;
+    if (
+      (line === this.blockLine && path === this.blockPath) ||
+      line === undefined ||
+      line === null ||
+      (!path && path !== 0)
+    )
+      return;
+    const now = performance.now();
+    if (now - (this.locatedAt ?? -Infinity) < LOCATE_MS) return;
+    Object.assign(this, { locatedAt: now, blockLine: line, blockPath: path });
+    const answer = await this.orders.locate({ line });
+    if (this.blockLine !== line) return;
+    this.blockRange = answer?.records ?? null;
+    this.requestFrame();
+  }
+
+  async pick(x, y) {
+    if (!this.renderer || !this.chosenChunks) return;
+    const record = this.renderer.pick(this.camera, this.state(), this.chosenChunks, x * this.ratio, y * this.ratio);
+    if (record === null) {
+      this.store.choose(null);
+      return;
+    }
+    const answer = await this.orders.locate({ record });
+    this.store.choose(answer ? { line: answer.line, records: answer.records, from: 'path' } : null);
+  }
+
+  showChosen() {
+    const { chosen } = this.store;
+    setText(this.chosenText, chosen ? `line ${chosen.line} chosen` : '');
+    if (chosen && chosen.from !== 'path') {
+      const point = this.chunks.positionOf(chosen.records[0]);
+      if (point) {
+        this.camera.reveal(point);
+        this.follows = null;
+      }
+    }
+    this.requestFrame();
+  }
+
+  requestFrame() {
+    if (this.frame) return;
+    this.frame = requestAnimationFrame(() => {
+      this.frame = null;
+      this.draw();
+    });
+  }
+
+  /** Shows the newest live figures; called once a frame. */
+  show() {
+    this.locateBlock();
+    this.requestFrame();
+  }
+
+  state() {
+    const live = this.store.live;
+    return {
+      record: live?.record ?? 0,
+      oldest: live?.oldest ?? 0,
+      reached: live?.reached ?? 0,
+      inks: this.colours.inks,
+      paper: this.colours.paper,
+      dash: 12 * this.ratio,
+      feedShare: (this.store.hello?.machine.cutters.length ?? 0) > 0 ? 0.45 : 0,
+    };
+  }
+
+  draw() {
+    if (this.place.offsetParent === null || !this.ratio) return;
+    const now = performance.now();
+    const most = this.renderer?.isSoftware ? MAX_VERTICES_SOFTWARE : MAX_VERTICES;
+    const { chunks, wants } = this.chunks.choose(this.camera, most, now);
+    for (const want of wants) this.connection.send(want);
+    if (this.chunks.levels.length > 0) {
+      clearTimeout(this.again);
+      if (wants.length > 0) this.again = setTimeout(() => this.requestFrame(), 4100);
+    }
+    this.chosenChunks = chunks;
+    this.renderer?.draw(this.camera, this.state(), chunks, this.ranges());
+    this.placeMarks();
+  }
+
+  ranges() {
+    const range = (records, ink, width) => ({
+      records,
+      ink,
+      width: width * this.ratio,
+      spans: this.chunks.spans(records),
+    });
+    const ranges = [];
+    if (this.blockRange) ranges.push(range(this.blockRange, this.colours.block, 3));
+    if (this.store.chosen) ranges.push(range(this.store.chosen.records, this.colours.chosen, 5));
+    return ranges;
+  }
+
+  placeMarks() {
+    const { live, hello } = this.store,
+      { chunks, camera } = this;
+    const put = (node, point) => {
+      node.hidden = node.style.display = point ? '' : 'none';
+      if (!point) return;
+      const [x, y] = camera.project(point);
+      node.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    };
+    put(this.tool, live ? this.toPath(this.xyz(live.mm)) : null);
+    const isBack = live && live.reached - live.record > 1;
+    put(this.furthest, isBack ? chunks.positionOf(live.reached) : null);
+    put(this.ghost, this.ghostRecord === null ? null : chunks.positionOf(this.ghostRecord));
+    const box = hello ? this.tableBox() : null;
+    const outline = box ? boxOutline(box, camera) : '';
+    if (outline !== this.outline) {
+      this.outline = outline;
+      this.limitLine.setAttribute('d', outline);
+    }
+    if (live) {
+      this.canvas.setAttribute(
+        'aria-label',
+        `Tool path, tool at ${live.work
+          .slice(0, 3)
+          .map(mm => formatPosition(mm))
+          .join(', ')}`,
+      );
+    }
+  }
+
+  /** X, Y and Z of a position of all axes. */
+  xyz(mm) {
+    const axes = this.store.hello?.machine.axes ?? [];
+    return ['x', 'y', 'z'].map(letter => {
+      const index = axes.findIndex(axis => axis.letter === letter);
+      return index < 0 ? 0 : mm[index];
+    });
+  }
+}
+
+function mark(name, outline) {
+  const node = svgElement(
+    'svg',
+    { class: `mark ${name}`, viewBox: '0 0 24 24', 'aria-hidden': 'true' },
+    svgElement('path', { d: outline, class: 'halo' }),
+    svgElement('path', { d: outline }),
+  );
+  node.style.display = 'none';
+  return node;
+}
+
+/** Outline of a box in the picture: 12 edges, or four where it is seen along an axis. */
+function boxOutline(box, camera) {
+  const corner = number =>
+    camera
+      .project([0, 1, 2].map(axis => box[axis + ((number >> axis) & 1) * 3]))
+      .map(value => value.toFixed(1))
+      .join(' ');
+  const edges = new Set();
+  for (let from = 0; from < 8; from++) {
+    for (const axis of [1, 2, 4]) {
+      if (from & axis) continue;
+      const [a, b] = [corner(from), corner(from | axis)];
+      if (a !== b) edges.add(`M${a}L${b}`);
+    }
+  }
+  return [...edges].join('');
+}
