@@ -68,7 +68,7 @@ export class ContourList {
     if (!contour) return;
     const share = contour.length_mm > 0 && contour.cut_mm ? Math.min(contour.cut_mm / contour.length_mm, 1) : 0;
     setText(mark, SIGNS[contour.state] ?? (share >= 0.999 ? '■' : share > 0 ? '◧' : '□'));
-    setText(name, `${contour.number}  line ${contour.line}${contour.cutter ? ` · ${contour.cutter}` : ''}`);
+    setText(name, `${contour.number} · line ${contour.line}${contour.cutter ? ` · ${contour.cutter}` : ''}`);
     const length = contour.length_mm === null || contour.length_mm === undefined ? '' : formatLength(contour.length_mm);
     setText(cut, `${String(contour.state).replaceAll('_', ' ')} · ${length}`);
     row.classList.toggle('chosen', index === this.list.marked);

@@ -3,7 +3,8 @@
 // Invariant: a jog lives by beats from the main thread of this page, each 50 ms. Whatever ends the touch (finger up or
 // lost, a second finger, focus lost, page hidden, link lost) ends the beats and sends the end of the jog.
 
-import { button, element, isOff, setChildren, setOff, setText } from './element.js';
+import { button, element, isOff, setChildren, setOff } from './element.js';
+import { confirm } from './dialog.js';
 import { formatStep, jogSteps, orderNumber } from './units.js';
 import { onSettingChange } from './settings.js';
 import { sign } from './signs.js';
@@ -21,22 +22,9 @@ export class JogPad {
     this.held = null;
     this.pad = element('div', { class: 'jog-pad', role: 'group', 'aria-label': 'Jog' });
     this.steps = element('div', { class: 'jog-steps', role: 'radiogroup', 'aria-label': 'Jog step' });
-    this.home = button(
-      'Home all',
-      () => {
-        if (!isOff(this.home)) actions.perform('home');
-      },
-      {},
-      sign('home'),
-    );
-    this.zero = button('Zero …', () => actions.perform('work-zero'));
-    this.node = element(
-      'div',
-      { class: 'column jog' },
-      this.steps,
-      this.pad,
-      element('div', { class: 'row' }, this.home, this.zero),
-    );
+    this.home = button('Home', () => this.askHome(), { class: 'jog-home' });
+    this.zero = button('Zero …', () => actions.perform('work-zero'), { class: 'jog-zero' });
+    this.node = element('div', { class: 'column jog' }, this.steps, this.pad);
     store.on('hello', hello => this.build(hello));
     store.on('state control link', () => this.showState());
     onSettingChange(() => {
@@ -68,7 +56,7 @@ export class JogPad {
     );
     setChildren(this.steps, ...this.stepButtons);
     this.keys = hello.machine.axes.flatMap((axis, index) => [false, true].map(up => this.jogKey(axis, index, up)));
-    setChildren(this.pad, ...this.keys.map(key => key.node));
+    setChildren(this.pad, ...this.keys.map(key => key.node), this.zero, this.home);
     this.pad.dataset.axes = String(hello.machine.axes.length);
     if (this.stepIndex !== null && this.stepIndex >= this.stepsMm.length) this.stepIndex = null;
     this.setStep(this.stepIndex);
@@ -110,6 +98,11 @@ export class JogPad {
     });
     node.addEventListener('contextmenu', event => event.preventDefault());
     return key;
+  }
+
+  askHome() {
+    if (isOff(this.home)) return;
+    confirm({ title: 'Home all axes?', label: 'Home', danger: false, run: () => this.actions.perform('home') });
   }
 
   /** Whether an axis may be jogged now. */
@@ -182,7 +175,6 @@ export class JogPad {
     if (!isPossible) this.endIfRefused();
     for (const { node } of this.keys) setOff(node, !isPossible && this.held === null);
     setOff(this.home, !this.actions.isPossible('home'));
-    setText(this.home.lastChild, 'Home all');
   }
 
   /** Ends a jog whose right to move is gone; while it runs, the server may take `jog` from what is possible. */

@@ -79,14 +79,15 @@ export class PathCamera {
     this.pan(dx, dy);
   }
 
-  /** Shows a box `[x0, y0, z0, x1, y1, z1]` whole. */
-  fit(box) {
+  /** Shows a box `[x0, y0, z0, x1, y1, z1]` whole, with room of some pixels above and below. */
+  fit(box, top = 0, bottom = 0) {
     const extent = this.extentOf(box);
     this.center = [0, 1, 2].map(axis => (box[axis] + box[axis + 3]) / 2);
     const wide = Math.max(extent[2] - extent[0], 1e-3),
       high = Math.max(extent[3] - extent[1], 1e-3);
-    this.scale = Math.min(MARGIN * Math.min(this.width / wide, this.height / high), MAX_SCALE);
+    this.scale = Math.min(MARGIN * Math.min(this.width / wide, Math.max(this.height - top - bottom, 40) / high), MAX_SCALE);
     this.minScale = this.scale / 50;
+    this.pan(0, (top - bottom) / 2);
   }
 
   /** Moves the centre so that a point lies in the picture, if it does not. */

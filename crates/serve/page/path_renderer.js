@@ -7,6 +7,7 @@ import { VERTEX_BYTES } from './path_decoder.js';
 import { makePrograms } from './path_shaders.js';
 
 const PICK_RADIUS = 12;
+const MAX_THICK = 250_000;
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render|software/i;
 const EVERYTHING = [-3e38, 3e38];
 
@@ -118,8 +119,12 @@ export class PathRenderer {
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(...state.paper);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    this.use('ink', camera, state, 0);
-    this.drawThin(chunks);
+    const vertices = chunks.reduce((sum, chunk) => sum + chunk.count, 0);
+    // Lines are one device pixel wide. On fine displays that is too thin, and a graphics card draws quads as fast.
+    const width = !this.isSoftware && state.ratio > 1 && vertices < MAX_THICK ? 0.8 * state.ratio : 0;
+    this.use('ink', camera, state, width);
+    if (width > 0) this.drawQuads(chunks);
+    else this.drawThin(chunks);
     for (const range of ranges) this.drawThick(camera, state, range);
     gl.bindVertexArray(null);
   }
@@ -136,20 +141,33 @@ export class PathRenderer {
 
   drawThick(camera, state, { records, ink, width, spans }) {
     if (spans.length === 0) return;
-    const { gl } = this,
-      cursor = Math.floor(state.record),
+    const { gl } = this;
+    const cursor = Math.floor(state.record),
       { uniforms } = this.programs.ink;
     this.use('ink', camera, state, width);
     gl.uniform2f(uniforms.only, records[0] - cursor, records[1] - cursor);
     gl.uniform4fv(uniforms.only_ink, ink);
     gl.uniform1f(uniforms.dash, 1e9);
-    for (const { chunk, from, count } of spans) {
-      gl.bindVertexArray(chunk.mesh.thick);
-      gl.bindBuffer(gl.ARRAY_BUFFER, chunk.mesh.buffer);
-      this.point(0, from * VERTEX_BYTES, 1);
-      this.point(1, (from + 1) * VERTEX_BYTES, 1);
-      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    for (const { chunk, from, count } of spans) this.drawSegments(chunk.mesh, from, count);
+  }
+
+  drawQuads(chunks) {
+    this.drawnVertices = 0;
+    for (const { mesh, count, hasJoint } of chunks) {
+      this.drawSegments(mesh, hasJoint ? 0 : 1, hasJoint ? count : count - 1);
+      this.drawnVertices += count;
     }
+  }
+
+  /** Draws segments of a mesh as quads. */
+  drawSegments(mesh, from, count) {
+    if (count < 1) return;
+    const { gl } = this;
+    gl.bindVertexArray(mesh.thick);
+    gl.bindBuffer(gl.ARRAY_BUFFER, mesh.buffer);
+    this.point(0, from * VERTEX_BYTES, 1);
+    this.point(1, (from + 1) * VERTEX_BYTES, 1);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
   }
 
   /** Record nearest to a pixel of the canvas, or null: records are drawn instead of colours, into a small square. */

@@ -16,6 +16,9 @@ const MAX_VERTICES_SOFTWARE = 70_000;
 const MAX_VERTICES = 1_000_000;
 const LOCATE_MS = 120;
 const FIT_MARGIN_MM = 1;
+/** Room for the legend above and the tools below, in pixels. */
+const FIT_TOP = 30,
+  FIT_BOTTOM = 56;
 
 /** The path view. `orders` asks which line made a record. */
 export class PathView {
@@ -106,10 +109,10 @@ export class PathView {
     this.viewButtons = VIEWS.map(view =>
       button(view, () => this.setView(view), { 'aria-pressed': String(view === 'top') }),
     );
-    const tool = (name, label, run) =>
+    const tool = (name, label, run, className = 'icon') =>
       element(
         'button',
-        { type: 'button', class: 'icon', 'aria-label': label, title: label, on: { click: run } },
+        { type: 'button', class: className, 'aria-label': label, title: label, on: { click: run } },
         sign(name),
       );
     this.tableButton = button('table', () => this.fit('table'), { title: 'Fit to the limits of the machine' });
@@ -120,8 +123,8 @@ export class PathView {
       element('span', { class: 'gap' }),
       this.tableButton,
       tool('fit', 'Fit to the program', () => this.fit('program')),
-      tool('minus', 'Zoom out', () => this.zoomBy(1 / 1.4)),
-      tool('plus', 'Zoom in', () => this.zoomBy(1.4)),
+      tool('minus', 'Zoom out', () => this.zoomBy(1 / 1.4), 'icon zoom'),
+      tool('plus', 'Zoom in', () => this.zoomBy(1.4), 'icon zoom'),
     );
   }
 
@@ -168,7 +171,7 @@ export class PathView {
     const box = (what === 'program' ? this.programBox() : null) ?? this.tableBox() ?? [-1, -1, 0, 1, 1, 0];
     const wide = box.map((value, index) => value + (index < 3 ? -FIT_MARGIN_MM : FIT_MARGIN_MM));
     this.follows = what;
-    this.camera.fit(wide);
+    this.camera.fit(wide, FIT_TOP, FIT_BOTTOM);
     this.requestFrame();
   }
 
@@ -283,6 +286,7 @@ export class PathView {
       inks: this.colours.inks,
       paper: this.colours.paper,
       dash: 12 * this.ratio,
+      ratio: this.ratio,
       feedShare: (this.store.hello?.machine.cutters.length ?? 0) > 0 ? 0.45 : 0,
     };
   }

@@ -13,6 +13,7 @@ const FOLLOW_S = 0.3;
 const DRAG_PIXELS = 6;
 const MAX_MARKS = 7;
 const SCALE_MS = 250;
+const MARK_PIXELS = 72;
 
 /** Scrubber. `pathView` has the lengths of the path and shows the ghost. */
 export class Scrubber {
@@ -246,11 +247,14 @@ export class Scrubber {
   }
 
   showScale(live, share) {
-    const marks = scaleMarks(this.pathView.chunks.lengthTable(), live, MAX_MARKS);
+    const width = this.track.clientWidth,
+      most = Math.min(Math.max(Math.floor(width / MARK_PIXELS), 1), MAX_MARKS);
+    const marks = scaleMarks(this.pathView.chunks.lengthTable(), live, most);
     this.marks.forEach((node, index) => {
       const entry = marks[index];
-      node.hidden = !entry;
-      if (!entry) return;
+      // A mark whose text would be cut off at the left end is left out.
+      node.hidden = !entry || share(entry.record) * width < MARK_PIXELS / 3;
+      if (node.hidden) return;
       node.style.left = `${(share(entry.record) * 100).toFixed(2)}%`;
       setText(node, `${formatLength(entry.mm, entry.mm < 1 ? 1 : 0)}`);
     });

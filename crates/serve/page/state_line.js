@@ -60,7 +60,7 @@ export class StateLine {
       setChildren(this.sign, sign(signOfWord(word, level)));
       this.chip.dataset.colour = colourOfWord(word, level);
     }
-    this.chip.classList.toggle('long', word.length > 10);
+    this.chip.classList.toggle('long', word.length > 9);
     setText(this.why, why);
     this.showSuggestions(isLive ? (state?.suggested ?? []) : []);
   }
