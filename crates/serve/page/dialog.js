@@ -35,10 +35,11 @@ export function closeDialog(key) {
 }
 
 /**
- * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, run, main, danger, off}`.
+ * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, run, main, danger, off}`. One that
+ * is not modal leaves the parts of the page around it free.
  * The first choice that is neither main nor dangerous gets the focus, so that Enter changes nothing by accident.
  */
-export function openDialog({ key, title, content = [], choices, level = 'plain', onClose, focus }) {
+export function openDialog({ key, title, content = [], choices, level = 'plain', isModal = true, onClose, focus }) {
   const returnFocus = current?.returnFocus ?? document.activeElement;
   closeDialog();
   const buttons = choices.map(choice => {
@@ -74,6 +75,7 @@ export function openDialog({ key, title, content = [], choices, level = 'plain',
   });
   place.append(node);
   place.classList.add('open');
+  place.classList.toggle('free', !isModal);
   current = { key, node, returnFocus, onClose };
   const safe = buttons.find((_, index) => !choices[index].main && !choices[index].danger) ?? buttons[0];
   (focus ?? safe)?.focus();

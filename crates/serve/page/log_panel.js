@@ -57,7 +57,7 @@ export class LogPanel {
     this.list.reveal(Math.max(this.messages.length - 1, 0), true);
   }
 
-  take({ first, messages }) {
+  take({ first = 0, messages }) {
     // Older messages that were fetched before stay in front of the retained ones.
     const older = this.first === undefined || this.first >= first ? [] : this.messages.slice(0, first - this.first);
     this.first = older.length > 0 ? this.first : first;

@@ -43,7 +43,9 @@ export class MachineDialogs {
     if (identity === this.shown || (always && !KEYS.includes(openDialogKey()))) return;
     const isOnlyButtons = this.shown.startsWith(reason.identity) && openDialogKey() !== reason.key;
     this.shown = identity;
-    if (!isOnlyButtons) this.open(reason.key);
+    // During a drag of the scrubber nothing opens in front of it.
+    const isDragging = reason.key === 'outputs-differ' && this.store.state.mode === 'wheel';
+    if (!isOnlyButtons && !isDragging) this.open(reason.key);
   }
 
   /** Opens the dialog again, if there is a reason. */
@@ -109,6 +111,7 @@ export class MachineDialogs {
     openDialog({
       key: 'outputs-differ',
       level: 'waiting',
+      isModal: false,
       title: 'Outputs differ from the program',
       content: [
         element(

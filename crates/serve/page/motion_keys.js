@@ -47,7 +47,7 @@ export class MotionKeys {
     const hint = element('small', { text: 'Space' });
     const node = element(
       'button',
-      { type: 'button', class: 'motion hold', 'aria-label': 'HOLD, feed hold' },
+      { type: 'button', class: 'motion hold', title: 'Feed hold' },
       sign('hold'),
       element('span', { text: 'HOLD' }),
       hint,
@@ -68,7 +68,7 @@ export class MotionKeys {
     const ring = svgElement('circle', { class: 'ring', cx: 12, cy: 12, r: 10, pathLength: 100 });
     const node = (this.stop = element(
       'button',
-      { type: 'button', class: 'motion stop', 'aria-label': 'STOP: ends the job. Hold for half a second' },
+      { type: 'button', class: 'motion stop', 'aria-label': 'STOP hold ½ s: ends the job' },
       svgElement(
         'svg',
         { class: 'sign', viewBox: '0 0 24 24', 'aria-hidden': 'true' },
@@ -123,7 +123,7 @@ export class MotionKeys {
     for (const { id, node, hint } of this.keys) {
       setOff(node, !this.actions.isPossible(id));
       node.classList.toggle('active', state?.mode === id && this.store.isLive);
-      node.classList.toggle('suggested', state?.suggested?.[0] === id && this.actions.isPossible(id));
+      node.classList.toggle('suggested', state?.suggested?.slice(0, id === 'cycle-start' ? 3 : 1).includes(id) && this.actions.isPossible(id));
       setText(hint, this.actions.keyText(id));
     }
     setOff(this.stop, !this.actions.isPossible('quit'));

@@ -225,8 +225,7 @@ export class PathView {
       path = this.store.path?.path;
     if (
       (line === this.blockLine && path === this.blockPath) ||
-      line === undefined ||
-      line === null ||
+      !line ||
       (!path && path !== 0)
     )
       return;

@@ -21,7 +21,7 @@ export class ProfilePanel {
         this.title,
         act('−', 'Zoom out', chart => chart.zoom(0.5, 0.5)),
         act('+', 'Zoom in', chart => chart.zoom(0.5, 2)),
-        act('All', 'Whole program', chart => chart.showAll()),
+        act('All', 'All of the program', chart => chart.showAll()),
         button('Refresh', () => this.refresh()),
       ),
       this.place,

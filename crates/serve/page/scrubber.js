@@ -37,8 +37,8 @@ export class Scrubber {
       this.ghost,
       this.thumb,
     );
-    this.back = this.key('back', 'back to', 'Back along the path to …', () => actions.openBackMenu());
-    this.leave = this.key('leave', 'resume', 'Forward to the furthest place, then resume', () =>
+    this.back = this.key('back', 'back to', 'Back to a place on the path', () => actions.openBackMenu());
+    this.leave = this.key('leave', 'resume', 'Resume: forward to the furthest place, then the program goes on', () =>
       actions.perform('leave'),
     );
     place.append(this.back, element('div', { class: 'track-box' }, this.text, this.track), this.leave);
@@ -55,7 +55,6 @@ export class Scrubber {
         type: 'button',
         class: 'track-key',
         title,
-        'aria-label': title,
         on: {
           click: () => {
             if (!isOff(node)) run();

@@ -78,6 +78,10 @@ const SIGNS_OF_WORDS = {
 };
 
 const COLOURS_OF_WORDS = {
+  'OUTPUTS DIFFER': 'retrace',
+  'CUTTER ON': 'alarm',
+  REFUSED: 'hold',
+  RESUME: 'hold',
   RUNNING: 'run',
   MOVING: 'run',
   REVERSE: 'retrace',
