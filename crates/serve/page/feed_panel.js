@@ -15,9 +15,24 @@ const CUTTER_WORDS = {
   piercing: 'piercing',
   cutting: 'CUTTING',
   ending: 'ending',
-  lost: 'LOST',
+  lost: 'OFF IN THE CUT',
   dry: 'off: dry run',
   test: 'TEST PULSE',
+};
+
+const OFF_REASONS = {
+  at_rest: 'at rest too long',
+  reverse: 'reverse run',
+  dry_run: 'dry run',
+  host_silent: 'the host was silent',
+  lost: 'lost in the cut',
+  not_started: 'it did not start',
+  no_sheet: 'no sheet found',
+  sheet_contact: 'touched the sheet',
+  operator: 'by the operator',
+  program_end: 'end of the program',
+  job_stopped: 'the job was stopped',
+  kerf: 'the kerf is passed',
 };
 
 /** Feed, overrides, cutter and outputs. */
@@ -204,7 +219,7 @@ export class FeedPanel {
     if (!cutter) return;
     const seconds = live?.seconds_lit ?? cutter.seconds_lit;
     const parts = [`${cutter.name}: ${CUTTER_WORDS[cutter.state] ?? cutter.state}`];
-    if (cutter.off_reason) parts.push(cutter.off_reason);
+    if (cutter.off_reason) parts.push(OFF_REASONS[cutter.off_reason] ?? cutter.off_reason.replaceAll('_', ' '));
     if (seconds !== null && seconds !== undefined) parts.push(`${seconds.toFixed(1)} s`);
     if (cutter.contour) parts.push(`contour ${cutter.contour}${cutter.contours ? ` of ${cutter.contours}` : ''}`);
     setText(this.cutter, parts.join(' · '));

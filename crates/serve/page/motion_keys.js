@@ -123,7 +123,10 @@ export class MotionKeys {
     for (const { id, node, hint } of this.keys) {
       setOff(node, !this.actions.isPossible(id));
       node.classList.toggle('active', state?.mode === id && this.store.isLive);
-      node.classList.toggle('suggested', state?.suggested?.slice(0, id === 'cycle-start' ? 3 : 1).includes(id) && this.actions.isPossible(id));
+      node.classList.toggle(
+        'suggested',
+        state?.suggested?.slice(0, id === 'cycle-start' ? 3 : 1).includes(id) && this.actions.isPossible(id),
+      );
       setText(hint, this.actions.keyText(id));
     }
     setOff(this.stop, !this.actions.isPossible('quit'));

@@ -85,7 +85,10 @@ export class PathCamera {
     this.center = [0, 1, 2].map(axis => (box[axis] + box[axis + 3]) / 2);
     const wide = Math.max(extent[2] - extent[0], 1e-3),
       high = Math.max(extent[3] - extent[1], 1e-3);
-    this.scale = Math.min(MARGIN * Math.min(this.width / wide, Math.max(this.height - top - bottom, 40) / high), MAX_SCALE);
+    this.scale = Math.min(
+      MARGIN * Math.min(this.width / wide, Math.max(this.height - top - bottom, 40) / high),
+      MAX_SCALE,
+    );
     this.minScale = this.scale / 50;
     this.pan(0, (top - bottom) / 2);
   }
@@ -93,7 +96,8 @@ export class PathCamera {
   /** Moves the centre so that a point lies in the picture, if it does not. */
   reveal(point) {
     const [x, y] = this.project(point);
-    if (x < 20 || y < 20 || x > this.width - 20 || y > this.height - 20) this.center = [...point];
+    const edge = Math.min(this.width, this.height) / 8;
+    if (x < edge || y < edge || x > this.width - edge || y > this.height - edge) this.center = [...point];
   }
 
   extentOf(box) {

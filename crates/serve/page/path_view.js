@@ -54,7 +54,10 @@ export class PathView {
     this.follows = 'program';
     this.begin();
     followGestures(this.canvas, {
-      pan: (dx, dy) => this.moved(() => this.camera.pan(dx, dy)),
+      pan: (dx, dy) => {
+        this.setFollowsTool(false);
+        this.moved(() => this.camera.pan(dx, dy));
+      },
       zoom: (x, y, factor) => this.moved(() => this.camera.zoomAt(x, y, factor)),
       turn: (dx, dy) =>
         this.moved(() => (this.camera.view === '3-D' ? this.camera.turn(dx, dy) : this.camera.pan(dx, dy))),
@@ -123,6 +126,7 @@ export class PathView {
       element('span', { class: 'gap' }),
       this.tableButton,
       tool('fit', 'Fit to the program', () => this.fit('program')),
+      (this.followButton = tool('aim', 'Keep the tool in the picture', () => this.setFollowsTool(!this.followsTool))),
       tool('minus', 'Zoom out', () => this.zoomBy(1 / 1.4), 'icon zoom'),
       tool('plus', 'Zoom in', () => this.zoomBy(1.4), 'icon zoom'),
     );
@@ -168,6 +172,7 @@ export class PathView {
   }
 
   fit(what) {
+    this.setFollowsTool(false);
     const box = (what === 'program' ? this.programBox() : null) ?? this.tableBox() ?? [-1, -1, 0, 1, 1, 0];
     const wide = box.map((value, index) => value + (index < 3 ? -FIT_MARGIN_MM : FIT_MARGIN_MM));
     this.follows = what;
@@ -179,6 +184,14 @@ export class PathView {
     this.camera.setView(view);
     VIEWS.forEach((name, index) => this.viewButtons[index].setAttribute('aria-pressed', String(name === view)));
     this.fit(this.follows ?? 'program');
+  }
+
+  /** Keeps the tool in the picture, or lets it go. */
+  setFollowsTool(follows) {
+    this.followsTool = follows;
+    this.followButton.setAttribute('aria-pressed', String(follows));
+    if (follows) this.follows = null;
+    this.requestFrame();
   }
 
   nextView() {
@@ -223,12 +236,7 @@ export class PathView {
   async locateBlock() {
     const line = this.store.live?.line ?? this.store.state?.line,
       path = this.store.path?.path;
-    if (
-      (line === this.blockLine && path === this.blockPath) ||
-      !line ||
-      (!path && path !== 0)
-    )
-      return;
+    if ((line === this.blockLine && path === this.blockPath) || !line || (!path && path !== 0)) return;
     const now = performance.now();
     if (now - (this.locatedAt ?? -Infinity) < LOCATE_MS) return;
     Object.assign(this, { locatedAt: now, blockLine: line, blockPath: path });
@@ -292,6 +300,7 @@ export class PathView {
 
   draw() {
     if (this.place.offsetParent === null || !this.ratio) return;
+    if (this.followsTool && this.store.live) this.camera.reveal(this.toPath(this.xyz(this.store.live.mm)));
     const now = performance.now();
     const most = this.renderer?.isSoftware ? MAX_VERTICES_SOFTWARE : MAX_VERTICES;
     const { chunks, wants } = this.chunks.choose(this.camera, most, now);

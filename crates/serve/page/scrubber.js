@@ -249,13 +249,16 @@ export class Scrubber {
     const width = this.track.clientWidth,
       most = Math.min(Math.max(Math.floor(width / MARK_PIXELS), 1), MAX_MARKS);
     const marks = scaleMarks(this.pathView.chunks.lengthTable(), live, most);
+    // The marks nearest to the furthest place come first. One whose text would be cut off or lie over another is left out.
+    let free = Infinity;
     this.marks.forEach((node, index) => {
-      const entry = marks[index];
-      // A mark whose text would be cut off at the left end is left out.
-      node.hidden = !entry || share(entry.record) * width < MARK_PIXELS / 3;
+      const entry = marks[index],
+        x = entry ? share(entry.record) * width : 0;
+      node.hidden = !entry || x < MARK_PIXELS / 3 || x > free - MARK_PIXELS;
       if (node.hidden) return;
-      node.style.left = `${(share(entry.record) * 100).toFixed(2)}%`;
-      setText(node, `${formatLength(entry.mm, entry.mm < 1 ? 1 : 0)}`);
+      free = x;
+      node.style.left = `${((x / width) * 100).toFixed(2)}%`;
+      setText(node, formatLength(entry.mm, entry.mm < 1 ? 1 : 0));
     });
   }
 }

@@ -28,6 +28,7 @@ const OUTLINES = {
   minus: '-M4 12h16',
   fit: '-M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5',
   close: '-M5 5l14 14M19 5L5 19',
+  aim: '-M12 2v6M12 16v6M2 12h6M16 12h6M12 8a4 4 0 1 0 0 8a4 4 0 1 0 0-8z',
   home: 'M12 3l10 9h-3v9h-5v-6h-4v6H5v-9H2z',
   left: '-M15 4l-8 8 8 8',
   right: '-M9 4l8 8-8 8',
