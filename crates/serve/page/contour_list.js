@@ -9,7 +9,7 @@ import { formatLength } from './units.js';
 
 const REFRESH_MS = 2000;
 const ROW_HEIGHT = 44;
-const SIGNS = { cut: '■', part: '◧', partly: '◧', cutting: '▶', open: '□', not_cut: '□', skipped: '–', passed: '–' };
+const SIGNS = { cut: '■', begun: '◧', not_begun: '□', skipped: '–', passed: '–' };
 
 /** Contours. */
 export class ContourList {
@@ -103,7 +103,12 @@ export class ContourList {
       contour = this.contours[this.list.marked];
     setText(this.act, store.isSetup ? 'Start here' : 'Back to it');
     setOff(this.act, !contour || !(store.isSetup ? store.allows('cycle-start') : store.allows('back-by')));
-    setText(this.title, this.contours.length > 0 ? `${this.contours.length} contours` : 'no contours');
+    setText(
+      this.title,
+      this.contours.length > 0
+        ? `${this.contours.length} ${this.contours.length === 1 ? 'contour' : 'contours'}`
+        : 'no contours',
+    );
     if (this.node.offsetParent !== null) this.list.render(true);
   }
 }

@@ -18,6 +18,11 @@ export function dialogIsOpen() {
   return current !== null;
 }
 
+/** Whether a dialog is open that leaves nothing else free. */
+export function dialogIsModal() {
+  return current !== null && current.isModal;
+}
+
 /** Key of the open dialog, or null. */
 export function openDialogKey() {
   return current?.key ?? null;
@@ -76,7 +81,7 @@ export function openDialog({ key, title, content = [], choices, level = 'plain',
   place.append(node);
   place.classList.add('open');
   place.classList.toggle('free', !isModal);
-  current = { key, node, returnFocus, onClose };
+  current = { key, node, isModal, returnFocus, onClose };
   const safe = buttons.find((_, index) => !choices[index].main && !choices[index].danger) ?? buttons[0];
   (focus ?? safe)?.focus();
   return node;

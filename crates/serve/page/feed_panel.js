@@ -15,7 +15,7 @@ const CUTTER_WORDS = {
   piercing: 'piercing',
   cutting: 'CUTTING',
   ending: 'ending',
-  lost: 'OFF IN THE CUT',
+  lost: 'OFF',
   dry: 'off: dry run',
   test: 'TEST PULSE',
 };
@@ -218,8 +218,11 @@ export class FeedPanel {
     this.cutter.hidden = !cutter;
     if (!cutter) return;
     const seconds = live?.seconds_lit ?? cutter.seconds_lit;
-    const parts = [`${cutter.name}: ${CUTTER_WORDS[cutter.state] ?? cutter.state}`];
-    if (cutter.off_reason) parts.push(OFF_REASONS[cutter.off_reason] ?? cutter.off_reason.replaceAll('_', ' '));
+    // The reason stays in the state after the cutter was lit again.
+    const why = ['off', 'lost'].includes(cutter.state) ? cutter.off_reason : null;
+    const reason = why && (OFF_REASONS[why] ?? why.replaceAll('_', ' '));
+    const word = CUTTER_WORDS[cutter.state] ?? cutter.state;
+    const parts = [`${cutter.name}: ${word}${reason ? `, ${reason}` : ''}`];
     if (seconds !== null && seconds !== undefined) parts.push(`${seconds.toFixed(1)} s`);
     if (cutter.contour) parts.push(`contour ${cutter.contour}${cutter.contours ? ` of ${cutter.contours}` : ''}`);
     setText(this.cutter, parts.join(' · '));

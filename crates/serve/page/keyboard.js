@@ -3,7 +3,7 @@
 // Invariant: Space is HOLD wherever the focus is; only in the MDI text it is a space, and Esc is HOLD there. A key that
 // moves acts on its first press and ignores repetitions. In text fields no other key is an action.
 
-import { closeDialog, dialogIsOpen } from './dialog.js';
+import { closeDialog, dialogIsModal, dialogIsOpen } from './dialog.js';
 
 const PAN_PIXELS = 60;
 const REPEATABLE = new Set(['faster', 'slower', 'zoom-in', 'zoom-out']);
@@ -53,7 +53,7 @@ export class Keyboard {
       return;
     }
     const action = this.actionOf(event.key);
-    if (!action || (dialogIsOpen() && !DIALOG_ACTIONS.has(action.id))) return;
+    if (!action || (dialogIsModal() && !DIALOG_ACTIONS.has(action.id))) return;
     event.preventDefault();
     if (event.repeat && !REPEATABLE.has(action.id)) return;
     if (action.id === 'agree' && dialogIsOpen()) closeDialog();
@@ -89,7 +89,7 @@ export class Keyboard {
       this.pathView.panBy(x * PAN_PIXELS, y * PAN_PIXELS);
       return true;
     }
-    if ((isArrow && takesArrows) || dialogIsOpen()) return false;
+    if ((isArrow && takesArrows) || dialogIsModal()) return false;
     if (isArrow && this.store.state?.mode === 'wheel' && this.store.state.stage === 'job') {
       this.orders.turnWheel(WHEEL_COUNTS[event.key] ?? 0);
       return true;

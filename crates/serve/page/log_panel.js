@@ -8,6 +8,7 @@ import { formatDuration } from './units.js';
 
 const ROW_HEIGHT = 44;
 const NUMBER = /^([EW]\d{4})[:\s]+/;
+const REFUSAL = /^rejected: |^E\d{4}: /;
 
 /** Log. */
 export class LogPanel {
@@ -64,9 +65,23 @@ export class LogPanel {
     this.messages = [...older, ...messages];
     setText(this.title, `${this.messages.length} messages`);
     this.list.setCount(this.messages.length);
+    this.reportRefusals();
     const newest = this.messages.at(-1);
     if (newest) this.notices.inform(messageText(newest));
     if (this.follows) this.toEnd();
+  }
+
+  /** Shows refusals of the machine that came since the last log as notices. */
+  reportRefusals() {
+    const key = ({ time_s: time, text, times }) => `${time} ${times} ${text}`;
+    const keys = new Set(this.messages.map(key));
+    const fresh = this.seen ? this.messages.filter(message => !this.seen.has(key(message))) : [];
+    this.seen = keys;
+    for (const { text } of fresh.filter(message => REFUSAL.test(message.text)).slice(-2)) {
+      const number = NUMBER.exec(text),
+        [cause, remedy] = text.slice(number?.[0].length ?? 0).split(' · ');
+      this.notices.refuse({ number: number?.[1], cause, remedy });
+    }
   }
 
   async fetchAll() {

@@ -95,7 +95,8 @@ export class MachineDialogs {
   }
 
   openOutputs() {
-    const { state, hello } = this.store;
+    const { state, hello } = this.store,
+      mayRecover = this.actions.isPossible('recover') && state.cut_end_line !== null;
     const name = channel =>
       hello.machine.outputs.find(output => output.channel === channel)?.name ?? `output ${channel}`;
     const word = value => (value ? '■ on' : '□ off');
@@ -131,11 +132,12 @@ export class MachineDialogs {
           element('tbody', {}, ...rows),
         ),
         element('p', { text: 'They are restored in program order, the cutter last; then the program goes on.' }),
+        element('p', { class: 'cause', text: state.cut_end_line === null ? '' : state.why }),
       ],
       choices: [
         { label: 'Hide' },
-        ...(this.actions.isPossible('recover') ? [this.choice('recover', 'Recover the cut')] : []),
-        this.choice('agree', 'Restore and go on', { main: true }),
+        ...(mayRecover ? [this.choice('recover', 'Recover the cut', { main: true })] : []),
+        this.choice('agree', 'Restore and go on', { main: !mayRecover }),
       ],
     });
   }

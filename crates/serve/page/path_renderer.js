@@ -112,7 +112,8 @@ export class PathRenderer {
     gl.uniform4f(uniforms.only_ink, 0, 0, 0, 0);
   }
 
-  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans}`) over them. */
+  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans, isAhead}`) over them:
+   * in their ink, or, with `isAhead`, only what lies ahead of the tool, and the rest in the colours of its state. */
   draw(camera, state, chunks, ranges) {
     if (this.isLost) return;
     const { gl, canvas } = this;
@@ -139,7 +140,7 @@ export class PathRenderer {
     }
   }
 
-  drawThick(camera, state, { records, ink, width, spans }) {
+  drawThick(camera, state, { records, ink, width, spans, isAhead }) {
     if (spans.length === 0) return;
     const { gl } = this;
     const cursor = Math.floor(state.record),
@@ -147,6 +148,7 @@ export class PathRenderer {
     this.use('ink', camera, state, width);
     gl.uniform2f(uniforms.only, records[0] - cursor, records[1] - cursor);
     gl.uniform4fv(uniforms.only_ink, ink);
+    gl.uniform1f(uniforms.only_from, isAhead ? 0 : EVERYTHING[0]);
     gl.uniform1f(uniforms.dash, 1e9);
     for (const { chunk, from, count } of spans) this.drawSegments(chunk.mesh, from, count);
   }

@@ -47,7 +47,8 @@ flat in vec2 end_pixel;
 uniform vec2 history;          // oldest and reached, relative to the cursor
 uniform vec2 only;             // range that is drawn
 uniform vec4 ink[6];           // planned, cut, retraced, before the history, rapid, paper
-uniform vec4 only_ink;         // colour of the range, if its alpha is not 0
+uniform vec4 only_ink;         // colour of the range, if its alpha is not 0,
+uniform float only_from;       // from this record on
 uniform float dash, feed_share;
 out vec4 colour;
 void main() {
@@ -57,7 +58,7 @@ void main() {
     if (mod(length(gl_FragCoord.xy - end_pixel), dash) > dash * 0.5) discard;
     c = along > 0.0 && along <= history.y ? c : ink[4];
   } else if (kind == 1u) c = mix(c, ink[5], feed_share);
-  colour = only_ink.a > 0.0 ? only_ink : c;
+  colour = only_ink.a > 0.0 && along >= only_from ? only_ink : c;
 }`;
 
 const PICK = `#version 300 es
@@ -80,6 +81,7 @@ const UNIFORMS = [
   'only',
   'ink',
   'only_ink',
+  'only_from',
   'dash',
   'feed_share',
 ];

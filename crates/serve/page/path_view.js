@@ -315,14 +315,15 @@ export class PathView {
   }
 
   ranges() {
-    const range = (records, ink, width) => ({
+    const range = (records, ink, width, isAhead = false) => ({
+      isAhead,
       records,
       ink,
       width: width * this.ratio,
       spans: this.chunks.spans(records),
     });
     const ranges = [];
-    if (this.blockRange) ranges.push(range(this.blockRange, this.colours.block, 3));
+    if (this.blockRange) ranges.push(range(this.blockRange, this.colours.block, 3, true));
     if (this.store.chosen) ranges.push(range(this.store.chosen.records, this.colours.chosen, 5));
     return ranges;
   }

@@ -28,7 +28,9 @@ export class Scrubber {
     this.scale = element('div', { class: 'track-scale', 'aria-hidden': 'true' });
     this.marks = Array.from({ length: MAX_MARKS + 1 }, () => element('span', { hidden: true }));
     this.scale.append(...this.marks);
-    this.text = element('p', { class: 'track-text' });
+    this.placeText = element('span');
+    this.historyText = element('span');
+    const text = element('p', { class: 'track-text' }, this.placeText, this.historyText);
     this.track = element(
       'div',
       { class: 'track', role: 'slider', tabindex: '0', 'aria-label': 'Place on the path' },
@@ -41,7 +43,7 @@ export class Scrubber {
     this.leave = this.key('leave', 'resume', 'Resume: forward to the furthest place, then the program goes on', () =>
       actions.perform('leave'),
     );
-    place.append(this.back, element('div', { class: 'track-box' }, this.text, this.track), this.leave);
+    place.append(this.back, element('div', { class: 'track-box' }, text, this.track), this.leave);
     this.ghostRecord = null;
     this.fraction = 0;
     this.listen();
@@ -237,8 +239,9 @@ export class Scrubber {
       ? `to ${formatLength(back)} back`
       : live.back_mm > 0.05
         ? `${formatLength(back)} back`
-        : 'at the furthest place';
-    setText(this.text, `${text} · ${history}`);
+        : 'furthest place';
+    setText(this.placeText, text);
+    setText(this.historyText, history);
     this.track.setAttribute('aria-valuemin', String(Math.round(live.oldest)));
     this.track.setAttribute('aria-valuemax', String(Math.round(live.reached)));
     this.track.setAttribute('aria-valuenow', String(Math.round(live.record)));

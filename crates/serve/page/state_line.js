@@ -42,7 +42,11 @@ export class StateLine {
     this.why = element('p', { id: 'state-why', role: 'status', 'aria-live': 'polite' });
     this.next = element('div', { id: 'state-next' });
     this.control = button('', openControl, { id: 'control-button' });
-    place.append(this.chip, this.why, this.next, this.control);
+    this.tag = element('span', { id: 'state-tag', title: 'The machine is simulated', text: 'DEMO', hidden: true });
+    place.append(this.chip, this.why, this.tag, this.next, this.control);
+    store.on('hello', hello => {
+      this.tag.hidden = !hello.is_demo;
+    });
     store.on('state link hello', () => this.show());
     store.on('control link hello', () => this.showControl());
     this.show();
@@ -61,6 +65,7 @@ export class StateLine {
       this.chip.dataset.colour = colourOfWord(word, level);
     }
     this.chip.classList.toggle('long', word.length > 9);
+    this.chip.classList.toggle('longest', word.length > 12);
     setText(this.why, why);
     this.showSuggestions(isLive ? (state?.suggested ?? []) : []);
   }
