@@ -40,8 +40,8 @@ export function closeDialog(key) {
 }
 
 /**
- * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, run, main, danger, off}`. One that
- * is not modal leaves the parts of the page around it free.
+ * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, run, main, danger, off}`.
+ * One that is not modal leaves the parts of the page around it free.
  * The first choice that is neither main nor dangerous gets the focus, so that Enter changes nothing by accident.
  */
 export function openDialog({ key, title, content = [], choices, level = 'plain', isModal = true, onClose, focus }) {

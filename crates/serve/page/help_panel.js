@@ -9,7 +9,8 @@ import { openDialog } from './dialog.js';
 const NO_STOP =
   'HOLD and STOP brake the machine on its path. Neither is an emergency stop: use the switch of the machine.';
 const FIRST_TEXTS = [
-  'Drag the bar below the path to the left: the machine goes back along its path. Drag it to the right: it goes forward. Let go: it stands still.',
+  'Drag the bar below the path to the left: the machine goes back along its path. Drag it to the right: it goes ' +
+    'forward. Let go: it stands still.',
   'HOLD stops on the path, whatever else happens, from every page. Space is HOLD too.',
   'Press \u201cresume\u201d beside the bar: the machine returns to the furthest place and the program goes on.',
 ];
@@ -29,8 +30,8 @@ export class HelpPanel {
       element('p', {
         text:
           'In the path: drag to pan, pinch or turn the mouse wheel to zoom, tap a line for its block, tap ' +
-          'twice to see all; in 3-D, drag with the right button to turn. Over the bar: arrows and the mouse wheel turn counts ' +
-          'in handwheel mode. In text fields Space is HOLD, except in MDI, where Esc is.',
+          'twice to see all; in 3-D, drag with the right button to turn. Over the bar, arrows and the mouse wheel ' +
+          'turn counts in handwheel mode. In text fields Space is HOLD, except in MDI, where Esc is.',
       }),
     );
     store.on('hello', () => this.build());

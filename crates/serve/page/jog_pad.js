@@ -10,6 +10,8 @@ import { onSettingChange } from './settings.js';
 import { sign } from './signs.js';
 
 const BEAT_MS = 50;
+/** Places of the axes beside X, Y and Z on the pad; further ones follow below. */
+const OTHER_PLACES = ['first', 'second'];
 const PAD = { x: ['left', 'right'], y: ['down', 'up'] };
 
 /** Jog pad. */
@@ -63,6 +65,13 @@ export class JogPad {
     this.showState();
   }
 
+  /** Place of an axis on the pad. */
+  placeOf({ letter }) {
+    if ('xyz'.includes(letter)) return letter;
+    const others = this.store.hello.machine.axes.filter(axis => !'xyz'.includes(axis.letter));
+    return OTHER_PLACES[others.findIndex(axis => axis.letter === letter)] ?? 'further';
+  }
+
   jogKey(axis, index, up) {
     const name = `${axis.letter.toUpperCase()}${up ? '+' : '\u2212'}`,
       place = PAD[axis.letter]?.[Number(up)];
@@ -70,7 +79,7 @@ export class JogPad {
       'button',
       {
         type: 'button',
-        class: `jog-key ${axis.letter}-${up ? 'up' : 'down'}`,
+        class: `jog-key ${this.placeOf(axis)}-${up ? 'up' : 'down'}`,
         'aria-label': `Jog ${axis.letter.toUpperCase()} ${up ? 'positive' : 'negative'}`,
       },
       sign(place ?? (up ? 'up' : 'down')),

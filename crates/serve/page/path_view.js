@@ -176,7 +176,8 @@ export class PathView {
     const box = (what === 'program' ? this.programBox() : null) ?? this.tableBox() ?? [-1, -1, 0, 1, 1, 0];
     const wide = box.map((value, index) => value + (index < 3 ? -FIT_MARGIN_MM : FIT_MARGIN_MM));
     this.follows = what;
-    this.camera.fit(wide, FIT_TOP, FIT_BOTTOM);
+    const hasRoom = this.camera.height > 240;
+    this.camera.fit(wide, hasRoom ? FIT_TOP : 0, hasRoom ? FIT_BOTTOM : 0);
     this.requestFrame();
   }
 

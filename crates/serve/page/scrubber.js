@@ -213,7 +213,9 @@ export class Scrubber {
       span = Math.max(high - low, 1);
     const share = record => Math.min(Math.max((record - low) / span, 0), 1);
     const stretch = (node, from, to) => {
-      node.style.transform = `translateX(${(share(from) * 100).toFixed(3)}%) scaleX(${(share(to) - share(from)).toFixed(5)})`;
+      const left = (share(from) * 100).toFixed(3),
+        scale = (share(to) - share(from)).toFixed(5);
+      node.style.transform = `translateX(${left}%) scaleX(${scale})`;
     };
     stretch(this.cut, live.oldest, live.record);
     stretch(this.retraced, live.record, live.reached);
@@ -252,7 +254,8 @@ export class Scrubber {
     const width = this.track.clientWidth,
       most = Math.min(Math.max(Math.floor(width / MARK_PIXELS), 1), MAX_MARKS);
     const marks = scaleMarks(this.pathView.chunks.lengthTable(), live, most);
-    // The marks nearest to the furthest place come first. One whose text would be cut off or lie over another is left out.
+    // The marks nearest to the furthest place come first. One whose text would be cut off or lie over another is
+    // left out.
     let free = Infinity;
     this.marks.forEach((node, index) => {
       const entry = marks[index],

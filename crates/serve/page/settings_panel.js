@@ -1,6 +1,7 @@
 // Settings of this page: unit, theme, name; options of the next run; the session.
 //
-// Invariant: units and theme change the display of this page only; what concerns the machine is an order like any other.
+// Invariant: units and theme change the display of this page only; what concerns the machine is an order like any
+// other.
 
 import { button, element, isOff, setAttribute, setChildren, setOff, setText } from './element.js';
 import { changeSetting, onSettingChange, setting } from './settings.js';

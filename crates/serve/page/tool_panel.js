@@ -1,6 +1,6 @@
 // Shows the tool table; the tool in the spindle is marked.
 //
-// Invariant: it changes nothing but the length of a tool that is changed in a pause, through the machine's own question.
+// Invariant: it changes nothing but the length of a tool that is changed in a pause, by an order.
 
 import { button, element, isOff, setChildren, setOff, setText } from './element.js';
 import { formatPosition, lengthUnit } from './units.js';
