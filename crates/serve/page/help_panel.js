@@ -8,6 +8,7 @@ import { openDialog } from './dialog.js';
 
 const NO_STOP =
   'HOLD and STOP brake the machine on its path. Neither is an emergency stop: use the switch of the machine.';
+const DEMO_TEXT = 'This machine is simulated: press CYCLE START and let it cut for some seconds.';
 const FIRST_TEXTS = [
   'Drag the bar below the path to the left: the machine goes back along its path. Drag it to the right: it goes ' +
     'forward. Let go: it stands still.',
@@ -25,7 +26,7 @@ export class HelpPanel {
       { class: 'list help', tabindex: '0', role: 'region', 'aria-label': 'Help' },
       element('p', { class: 'warning', text: NO_STOP }),
       ...FIRST_TEXTS.map(text => element('p', { text })),
-      element('h3', { text: 'Actions and keys' }),
+      element('h2', { text: 'Actions and keys' }),
       this.list,
       element('p', {
         text:
@@ -72,10 +73,11 @@ export class HelpPanel {
   /** Says once what HOLD is not, and how to retrace. */
   welcome() {
     if (setting('wasWelcomed')) return;
+    const texts = this.store.hello.is_demo ? [DEMO_TEXT, ...FIRST_TEXTS] : FIRST_TEXTS;
     openDialog({
       key: 'welcome',
       title: 'retrace',
-      content: [...FIRST_TEXTS.map(text => element('p', { text })), element('p', { class: 'warning', text: NO_STOP })],
+      content: [...texts.map(text => element('p', { text })), element('p', { class: 'warning', text: NO_STOP })],
       choices: [{ label: 'Understood', main: true, run: () => changeSetting('wasWelcomed', 'yes') }],
     });
   }

@@ -93,7 +93,7 @@ export class JobPanel {
 
   facts(job) {
     return [
-      element('h3', { text: job.program ?? job.id }),
+      element('h2', { text: job.program ?? job.id }),
       job.error
         ? element('p', { class: 'error', text: `${job.error.number} ${job.error.cause} ${job.error.remedy ?? ''}` })
         : null,

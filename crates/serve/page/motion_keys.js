@@ -68,7 +68,7 @@ export class MotionKeys {
     const ring = svgElement('circle', { class: 'ring', cx: 12, cy: 12, r: 10, pathLength: 100 });
     const node = (this.stop = element(
       'button',
-      { type: 'button', class: 'motion stop', 'aria-label': 'STOP hold ½ s: ends the job' },
+      { type: 'button', class: 'motion stop', title: 'Ends the job; hold for half a second' },
       svgElement(
         'svg',
         { class: 'sign', viewBox: '0 0 24 24', 'aria-hidden': 'true' },
@@ -123,10 +123,8 @@ export class MotionKeys {
     for (const { id, node, hint } of this.keys) {
       setOff(node, !this.actions.isPossible(id));
       node.classList.toggle('active', state?.mode === id && this.store.isLive);
-      node.classList.toggle(
-        'suggested',
-        state?.suggested?.slice(0, id === 'cycle-start' ? 3 : 1).includes(id) && this.actions.isPossible(id),
-      );
+      const first = state?.suggested?.slice(0, id === 'cycle-start' ? 3 : 1) ?? [];
+      node.classList.toggle('suggested', first.includes(id) && this.actions.isPossible(id));
       setText(hint, this.actions.keyText(id));
     }
     setOff(this.stop, !this.actions.isPossible('quit'));

@@ -119,7 +119,7 @@ function group(title, ...nodes) {
   return element(
     'div',
     { class: 'setting', role: 'group', 'aria-label': title },
-    element('h3', { text: title }),
+    element('h2', { text: title }),
     element('div', { class: 'setting-row' }, ...nodes),
   );
 }
