@@ -3,10 +3,8 @@
 // Invariant: a job is resumed only from its details, and the machine asks once more before it moves.
 
 import { button, element, isOff, setChildren, setOff, setText } from './element.js';
+import { baseName, jobTable } from './job_summary.js';
 import { confirm } from './dialog.js';
-
-const MAX_DEPTH = 3;
-const MAX_ROWS = 80;
 
 /** Jobs. */
 export class JobPanel {
@@ -48,7 +46,12 @@ export class JobPanel {
       this.orders.notices.refuse(error);
       this.jobs ??= [];
     }
-    setText(this.title, this.jobs.length > 0 ? `${this.jobs.length} jobs` : 'no jobs in the journal');
+    setText(
+      this.title,
+      this.jobs.length > 0
+        ? `${this.jobs.length} ${this.jobs.length === 1 ? 'job' : 'jobs'}`
+        : 'no jobs in the journal',
+    );
     this.rows = new Map();
     setChildren(
       this.list,
@@ -58,7 +61,7 @@ export class JobPanel {
           '',
           () => this.open(job),
           { class: 'job-row' },
-          element('b', { text: job.program ?? job.id }),
+          element('b', { text: baseName(job.program) || job.id }),
           element('span', { text: [job.resumable ? '↻' : null, job.state, line].filter(Boolean).join(' · ') }),
           element('small', { text: job.id }),
         );
@@ -81,7 +84,7 @@ export class JobPanel {
     setChildren(this.details, element('p', { text: 'loading …' }));
     try {
       const record = await this.connection.request('GET', `/api/v1/jobs/${encodeURIComponent(job.id)}`);
-      setChildren(this.details, ...this.facts(job), detailTable(record));
+      setChildren(this.details, element('h2', { text: baseName(job.program) || job.id }), jobTable(job, record));
     } catch (error) {
       setChildren(
         this.details,
@@ -91,20 +94,11 @@ export class JobPanel {
     }
   }
 
-  facts(job) {
-    return [
-      element('h2', { text: job.program ?? job.id }),
-      job.error
-        ? element('p', { class: 'error', text: `${job.error.number} ${job.error.cause} ${job.error.remedy ?? ''}` })
-        : null,
-    ].filter(Boolean);
-  }
-
   askToResume() {
     if (isOff(this.resume) || !this.opened) return;
     const { id, program } = this.opened;
     confirm({
-      title: `Resume ${program ?? id}?`,
+      title: `Resume ${baseName(program) || id}?`,
       text:
         'The program is planned up to the breakpoint. Before anything moves, ' +
         'the machine shows what it will do and asks.',
@@ -117,34 +111,4 @@ export class JobPanel {
   showState() {
     setOff(this.resume, !this.opened?.resumable || !this.store.isHolder || !this.store.isSetup);
   }
-}
-
-/** Table of the values of a JSON object, flattened. */
-function detailTable(record) {
-  const rows = [];
-  const add = (name, value, depth) => {
-    if (rows.length >= MAX_ROWS || value === null || value === undefined) return;
-    const isPlain =
-      typeof value !== 'object' || (Array.isArray(value) && value.every(each => typeof each !== 'object'));
-    if (isPlain) rows.push([name, Array.isArray(value) ? value.join(', ') : String(value)]);
-    else if (depth >= MAX_DEPTH || Array.isArray(value)) rows.push([name, `${Object.keys(value).length} entries`]);
-    else for (const [key, each] of Object.entries(value)) add(name ? `${name} · ${key}` : key, each, depth + 1);
-  };
-  add('', record, 0);
-  return element(
-    'table',
-    { class: 'details' },
-    element(
-      'tbody',
-      {},
-      ...rows.map(([name, text]) =>
-        element(
-          'tr',
-          {},
-          element('th', { scope: 'row', text: name.replaceAll('_', ' ') }),
-          element('td', { text: text.length > 300 ? `${text.slice(0, 300)} …` : text }),
-        ),
-      ),
-    ),
-  );
 }
