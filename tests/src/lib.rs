@@ -10,6 +10,7 @@ pub mod cutter_observer;
 pub mod json_page;
 pub mod limits;
 pub mod not_run;
+pub mod page_client;
 pub mod pins;
 pub mod programs;
 pub mod records;

@@ -53,6 +53,26 @@ fn list(jobs: &JobStore, args: &args::Jobs) {
     }
 }
 
+/// The jobs in a folder, as one JSON object, the newest first.
+///
+/// # Errors
+/// The folder is missing.
+pub fn listed(journal: Option<&Path>) -> Result<Value, NumberedError> {
+    let jobs = JobStore::open_or_default(journal)?;
+    let listed = jobs.list().into_iter().filter(|job| job.state != JobState::NeverBegan).take(LISTED);
+    let listed: Vec<Value> = listed.map(|job| listed_json(&job, journal)).collect();
+    Ok(json!({"jobs": listed}))
+}
+
+/// A job, as one JSON object.
+///
+/// # Errors
+/// There is no such job, or its journal cannot be used.
+pub fn shown(journal: Option<&Path>, id: &str) -> Result<Value, NumberedError> {
+    let folder = JobStore::open_or_default(journal)?.find(id)?;
+    Ok(record_json(&folder.read()?, &folder.state()))
+}
+
 fn row(job: &ListedJob, journal: Option<&Path>) -> [String; 5] {
     let (program, far) = job.summary.as_ref().map_or_else(
         || ("?".into(), String::new()),

@@ -53,6 +53,7 @@ mod run;
 mod run_outputs;
 mod saved_materials;
 mod serial_source;
+mod serve;
 mod shell_files;
 mod sim_wiring;
 mod size;
@@ -73,6 +74,7 @@ use crate::command_failure::CommandFailure;
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run(args) => run::run(args),
+        Command::Serve(args) => serve::run(args),
         Command::Resume(args) => resume::run(&args),
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),

@@ -75,6 +75,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         reading.program = program.to_owned();
     }
     args::Run {
+        page: args::PageOptions::default(),
         vcd: None,
         source: args::SimulatedSource::default(),
         dry_run: false,

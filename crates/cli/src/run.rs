@@ -33,7 +33,7 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
     args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
     let args = &args;
-    let at_screen = operate::is_requested(args)? && !args.save_materials;
+    let at_screen = operate::Screens::of(args)?.any() && !args.save_materials;
     let mut machine = files::machine(args.machine_file.path())?;
     machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)

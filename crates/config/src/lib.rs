@@ -63,7 +63,7 @@ pub use jet_flow::JetFlow;
 pub use machine_changes::machine_changes;
 pub use machine_check::MachineCheck;
 pub use machine_config::{MachineConfig, MaterialFile};
-pub use machine_file::{RetraceOutputs, ToolChange, WheelSettings, machine_file_schema};
+pub use machine_file::{OnLostControl, RetraceOutputs, ToolChange, WheelSettings, machine_file_schema};
 pub use manual_config::ManualConfig;
 pub use marker_start::MarkerStart;
 pub use material::{FIRST_TEMPORARY_MATERIAL, MaterialConfig, MaterialUnits};

@@ -14,7 +14,7 @@ use crate::axis::{self, AXIS_LETTERS, AxisConfig};
 use crate::card_config::CardConfig;
 use crate::channel_names::{self, ChannelNames};
 use crate::cutter::{self, CutterConfig};
-use crate::machine_file::{MachineFile, OutputSection, RetraceOutputs, ToolChange};
+use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutputs, ToolChange};
 use crate::manual_config::{ManualConfig, Written};
 use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
@@ -68,6 +68,8 @@ pub struct MachineConfig {
     pub cutting_outputs: Vec<u8>,
     /// Tool change: automatic or manual.
     pub tool_change: ToolChange,
+    /// What happens to a running program when the page in control loses its link.
+    pub on_lost_control: OnLostControl,
     /// Names of outputs by channel, other than those of the cutters.
     pub output_names: BTreeMap<u8, String>,
     /// Length of the handwheel's filter in periods.
@@ -197,6 +199,7 @@ impl MachineConfig {
             materials: None,
             cutting_outputs,
             tool_change: file.tool_change,
+            on_lost_control: file.on_lost_control,
             output_names,
             card,
             stream_quota_bytes: (file.stream_quota_mib * 1_048_576.0) as u64,

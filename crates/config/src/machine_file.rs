@@ -57,6 +57,17 @@ pub enum ToolChange {
     Manual,
 }
 
+/// What happens to a running program when the page in control of the machine loses its link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum OnLostControl {
+    /// It runs on: a tablet that goes to sleep must not spoil a cut.
+    #[default]
+    Run,
+    /// It is held.
+    Hold,
+}
+
 /// Name of an output, `[[output]]`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -174,6 +185,9 @@ pub(crate) struct MachineFile {
     pub(crate) output: Vec<OutputSection>,
     /// Tool change at M6.
     pub(crate) tool_change: ToolChange,
+    /// What happens to a running program when the page in control of the machine loses its link. A jog, the handwheel
+    /// and reverse run always end.
+    pub(crate) on_lost_control: OnLostControl,
     /// Axes, in any order.
     pub(crate) axis: Vec<AxisConfig>,
     /// Blending of corners.
@@ -212,6 +226,7 @@ impl Default for MachineFile {
             cutter: Vec::new(),
             output: Vec::new(),
             tool_change: ToolChange::Automatic,
+            on_lost_control: OnLostControl::Run,
             axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),
             blending: BlendingSettings::default(),
             homing: HomingSection::default(),

@@ -50,6 +50,7 @@ mod operator;
 mod overrides;
 mod plan_item;
 mod plan_writer;
+mod planned_path;
 mod planning;
 mod program_analysis;
 mod read_ahead;
@@ -90,13 +91,16 @@ pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
 pub use operator::{
-    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide, parse_script,
-    rate_percent,
+    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide,
+    parse_operator_command, parse_script, rate_percent,
 };
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};
 pub use plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
-pub use program_analysis::{BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_program};
+pub use planned_path::{PathKind, PathVertex, PlannedPath};
+pub use program_analysis::{
+    Analysed, BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_path, analyse_program,
+};
 pub use read_ahead::{ReadAhead, SourceStatus};
 pub use record_streamer::{PassedItem, RecordStreamer, SendHorizon};
 pub use report::Report;

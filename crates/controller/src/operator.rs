@@ -342,6 +342,15 @@ pub fn parse_script(text: &str, name: &str) -> Result<Vec<ScriptInstruction>, Nu
     Ok(script)
 }
 
+/// Parses one command, in the words of a script without its time.
+///
+/// # Errors
+/// `E2121` with what was expected.
+pub fn parse_operator_command(text: &str) -> Result<OperatorCommand, NumberedError> {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    parse_command(&words).map_err(|(cause, remedy)| NumberedError::new("E2121", cause, remedy))
+}
+
 /// Cause and remedy of an instruction that cannot be parsed.
 type InstructionError = (String, String);
 

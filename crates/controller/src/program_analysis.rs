@@ -21,6 +21,7 @@ use crate::limit_check::LimitCheck;
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+use crate::planned_path::{PathRecorder, PlannedPath};
 use crate::soft_limits::LimitFinding;
 
 /// Least and greatest of the observed values.
@@ -106,6 +107,8 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     /// Whether nothing has moved since a cutter was switched on: a dwell is its pierce.
     is_piercing: bool,
     planner: Planner<A>,
+    /// Recorder of the path, where the path is wanted.
+    path: Option<PathRecorder>,
 }
 
 /// Maximum number of separate offsets; a program with more has the remaining ones in the last.
@@ -140,12 +143,16 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             spindle_is_on: false,
             is_piercing: false,
             planner,
+            path: None,
         })
     }
 
     fn count(&mut self) {
-        while self.planner.next_record().is_some() {
+        while let Some(record) = self.planner.next_record() {
             self.motion_periods += 1;
+            if let Some(path) = &mut self.path {
+                path.add(&record);
+            }
             *self.tool_periods.entry(self.tool).or_default() += 1;
         }
     }
@@ -163,6 +170,10 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             }
         }
         self.is_piercing = false;
+        if let Some(path) = &mut self.path {
+            let is_cutting = self.scan.contours.is_cutting() || self.scan.machine().cutting_outputs.is_empty();
+            path.set_cutting(is_cutting, line);
+        }
         match feed {
             FeedRate::Rapid => self.rapid_mm += length_mm,
             FeedRate::PerSecond(_) | FeedRate::Duration(_) => {
@@ -329,8 +340,32 @@ impl<const A: usize> ProgramAnalysis<'_, A> {
 pub fn analyse_program<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
-) -> Result<(u64, Vec<CheckFinding>, ProgramAnalysis<'m, A>), LimitError> {
-    let mut survey = ProgramAnalysis::new(machine)?;
+) -> Result<Analysed<'m, A>, LimitError> {
+    analyse(machine, program, ProgramAnalysis::new(machine)?)
+}
+
+/// Analyses a whole program and records its path. Returns the analysis and the path.
+///
+/// # Errors
+/// Limits that the planner does not accept.
+pub fn analyse_path<'m, const A: usize>(
+    machine: &'m MachineConfig,
+    program: &mut impl BlockDecoder,
+) -> Result<(ProgramAnalysis<'m, A>, PlannedPath), LimitError> {
+    let analysis = ProgramAnalysis { path: Some(PathRecorder::new(machine)), ..ProgramAnalysis::new(machine)? };
+    let (_, _, mut analysis) = analyse(machine, program, analysis)?;
+    let path = analysis.path.take().map(PathRecorder::finish).unwrap_or_default();
+    Ok((analysis, path))
+}
+
+/// Analysis of a program: number of blocks, findings, and the analysis itself.
+pub type Analysed<'m, const A: usize> = (u64, Vec<CheckFinding>, ProgramAnalysis<'m, A>);
+
+fn analyse<'m, const A: usize>(
+    machine: &'m MachineConfig,
+    program: &mut impl BlockDecoder,
+    mut survey: ProgramAnalysis<'m, A>,
+) -> Result<Analysed<'m, A>, LimitError> {
     let (blocks, mut findings) = job::feed_each(machine, program, &mut survey, |track, program, survey| {
         survey.assign_offset(track.work_offset());
         survey.scan.contours.set_material(track.material());

@@ -156,6 +156,8 @@ impl FakeMachine {
             | UiCommand::Answer(_)
             | UiCommand::CloseRefusal
             | UiCommand::StartContour(_)
+            | UiCommand::StartLine(_)
+            | UiCommand::ResumeJob(_)
             | UiCommand::Quit => {}
         }
     }

@@ -159,8 +159,6 @@ pub(crate) struct KeyState {
     pub step: usize,
     /// Index of the selected axis.
     pub axis: usize,
-    /// Whether a dry run is requested.
-    pub dry: bool,
     notice: Option<(String, u64)>,
     /// Direction, and index of the rate, that was requested last.
     last_rate: Option<(Mode, usize)>,
@@ -310,8 +308,7 @@ impl KeyState {
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
             KeyAction::DryRun => {
-                self.dry = !self.dry;
-                return Some(UiCommand::DryRun(self.dry));
+                return Some(UiCommand::DryRun(!model.dry_run));
             }
             KeyAction::Quit if !is_job => return Some(UiCommand::Quit),
             _ => {

@@ -39,6 +39,7 @@ mod keys;
 mod layout;
 mod model;
 mod model_observer;
+mod operator_panel;
 mod path_length;
 mod preview;
 mod program_facts;
@@ -58,9 +59,10 @@ pub use model::{
     TimeRemaining,
 };
 pub use model_observer::{ModelObserver, lock_model};
+pub use operator_panel::{PanelAction, PanelStatus, panel_actions, panel_status};
 pub use path_length::PathLengths;
 pub use preview::Preview;
-pub use program_facts::{AxisFacts, CutterFacts, Planned, ProgramCheck, ProgramFacts, Text};
+pub use program_facts::{AxisFacts, CutterFacts, Planned, ProgramCheck, ProgramFacts, Text, ToolFacts};
 pub use screen::{Screen, restore_terminal};
 pub use trail::{Trail, TrailPoint};
 pub use ui_command::UiCommand;

@@ -211,6 +211,8 @@ pub struct ScreenModel {
     pub program_outputs: BTreeMap<u8, i32>,
     /// Whether M1 stops.
     pub optional_stop: bool,
+    /// Whether the cutters are kept off.
+    pub dry_run: bool,
     /// Tool for a manual tool change; 0 removes the tool.
     pub tool_change: Option<i32>,
     /// Whether the cutter went off where it was to cut: the program resumes only with it on.
@@ -302,6 +304,7 @@ impl ScreenModel {
             outputs: BTreeMap::new(),
             program_outputs: BTreeMap::new(),
             optional_stop: false,
+            dry_run: false,
             tool_change: None,
             cutter_states: BTreeMap::new(),
             on_since: BTreeMap::new(),

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use retrace_config::{CutterConfig, MachineConfig, channel_name};
-use retrace_controller::ContourList;
+use retrace_controller::{ContourList, PlannedPath};
 use retrace_link::channel;
 
 use crate::preview::Preview;
@@ -21,6 +21,27 @@ pub struct AxisFacts {
     pub pulses_per_mm: f64,
     /// Soft limits, mm (degrees).
     pub travel_mm: [f64; 2],
+}
+
+impl AxisFacts {
+    /// Whether its positions are degrees.
+    #[must_use]
+    pub const fn is_rotary(&self) -> bool {
+        matches!(self.letter, 'a' | 'b' | 'c')
+    }
+}
+
+/// Tool of the tool table as the screen shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToolFacts {
+    /// Number.
+    pub number: u32,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// Length, mm.
+    pub length_mm: f64,
+    /// Comment of the table.
+    pub name: String,
 }
 
 /// Cutter as the screen shows it.
@@ -96,12 +117,14 @@ pub struct ProgramFacts {
     pub first_place: RecordIndex,
     /// Path of the program, and the ends of its blocks.
     pub preview: Preview,
+    /// The planned path with its record numbers, where a screen has asked for it and it is known.
+    pub planned_path: Option<Arc<PlannedPath>>,
     /// Result of checking the program.
     pub check: ProgramCheck,
     /// Index of the axis whose layer is added to its path, on a machine that senses the sheet.
     pub layer_axis: Option<usize>,
-    /// Tool table, one line per tool.
-    pub tools: Vec<String>,
+    /// Tool table.
+    pub tools: Vec<ToolFacts>,
     /// Comments of the tool table, by tool number.
     pub tool_names: BTreeMap<i32, String>,
     /// Cutters: torches, jets and beams.

@@ -8,7 +8,6 @@ use retrace_journal::HoldReason;
 
 use crate::cut_text::{confirmation_text, contours_text, interrupted_text};
 use crate::event_text::tool_change_text;
-use crate::key_state::KeyState;
 use crate::keys::KeyAction;
 use crate::model::{Pause, ScreenModel, ScreenStage};
 use crate::program_facts::ProgramCheck;
@@ -43,7 +42,7 @@ fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, actions: &
 
 /// Returns the status of the machine.
 #[must_use]
-pub(crate) fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
+pub(crate) fn of(model: &ScreenModel) -> StatusHint {
     if let Some(alarm) = &model.alarm {
         if alarm.is_refusal {
             return hint(
@@ -57,7 +56,7 @@ pub(crate) fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
         return hint(HintLevel::Alarm, "ALARM", why, &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit]);
     }
     match &model.stage {
-        ScreenStage::Setup => setup(model, key_state),
+        ScreenStage::Setup => setup(model),
         ScreenStage::Resuming => resuming(model),
         ScreenStage::Ended(how) => {
             let actions = [
@@ -79,7 +78,7 @@ pub(crate) fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
     }
 }
 
-fn setup(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
+fn setup(model: &ScreenModel) -> StatusHint {
     if !model.at_rest {
         return hint(HintLevel::Normal, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
     }
@@ -121,7 +120,7 @@ fn setup(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
         }
         _ => {}
     }
-    let why = match (key_state.dry, &model.facts.check) {
+    let why = match (model.dry_run, &model.facts.check) {
         (true, _) => format!("{name}, DRY RUN: the cutter stays off"),
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),

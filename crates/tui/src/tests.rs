@@ -278,7 +278,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     let command = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
     let command: Vec<_> = command.filter_map(|key| key_state.key(key, 0, &model)).collect();
     assert_eq!(command, [UiCommand::Job(retrace_controller::OperatorCommand::Output { number: 5, on: false })]);
-    key_state.dry = true;
+    model.dry_run = true;
     assert!(shown(&model, &key_state).starts_with(" DRY RUNNING"), "{}", shown(&model, &key_state));
     (model.hold_reason, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
     Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();

@@ -19,6 +19,10 @@ pub enum UiCommand {
     Start,
     /// Start the program at the contour of this number.
     StartContour(u32),
+    /// Start the program at this line, with the modal state in force there.
+    StartLine(u32),
+    /// Resume this interrupted job.
+    ResumeJob(String),
     /// Return to setup after a job.
     SetUp,
     /// Load another program from this file.

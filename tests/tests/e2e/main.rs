@@ -25,6 +25,7 @@ mod materials;
 mod offsets;
 #[cfg(target_os = "linux")]
 mod output;
+mod page;
 #[cfg(target_os = "linux")]
 mod real_time;
 mod recovery_examples;

@@ -51,6 +51,8 @@ const ARROWS: &[Arrows] = &[
         in_tests: &["hal-sim"],
         ..arrows("crates/tui/Cargo.toml", &["config", "controller", "core", "gcode", "journal", "link", "motion"])
     },
+    // The page shows the model of the terminal screen and sends the same commands.
+    arrows("crates/serve/Cargo.toml", &["config", "controller", "core", "journal", "link", "tui"]),
     arrows(
         "crates/cli/Cargo.toml",
         &[
@@ -66,6 +68,7 @@ const ARROWS: &[Arrows] = &[
             "motion",
             "plot",
             "real-time",
+            "serve",
             "tui",
         ],
     ),

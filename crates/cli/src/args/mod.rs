@@ -11,6 +11,7 @@ mod doctor;
 mod machine;
 mod manual;
 mod materials;
+mod page;
 mod reading;
 mod resume;
 mod run;
@@ -29,6 +30,7 @@ pub use self::doctor::Doctor;
 pub use self::machine::{Machine, MachineKind};
 pub use self::manual::{Home, Jog, ManualOptions, Mdi};
 pub use self::materials::{Materials, Units};
+pub use self::page::PageOptions;
 pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
@@ -65,6 +67,20 @@ pub enum Command {
             "").help(help)
     }))]
     Run(Run),
+    /// Serve the graphical screen as a page in a browser, with or without a program.
+    #[command(
+        after_help = "Examples:\n  retrace serve --demo\n  retrace serve --card /dev/ttyUSB0 --machine plasma.toml \
+            --programs parts\n  retrace serve --listen 192.168.1.20:8181 --name table --tui part.ngc"
+    )]
+    #[command(mut_arg("program", |program| {
+        let any_text = clap::builder::OsStringValueParser::new().map(PathBuf::from);
+        let help = "NC program; it can be opened on the page";
+        program.value_parser(any_text).required(false).default_value("").help(help)
+    }))]
+    #[command(mut_arg("serve", |serve| serve.hide(true)), mut_arg("json", |json| json.hide(true)))]
+    #[command(mut_arg("no_tui", |no_tui| no_tui.hide(true)), mut_arg("save_materials", |save| save.hide(true)))]
+    #[command(mut_arg("realtime", |realtime| realtime.hide(true)))]
+    Serve(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
     #[command(
         after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc \

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use retrace_controller::StartPoint;
 
+use super::page::PageOptions;
 use super::reading::Reading;
 use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions, SimulatedSource};
 
@@ -52,6 +53,8 @@ pub struct Run {
     pub contour: Option<u32>,
     #[command(flatten)]
     pub jobs: JobsFolder,
+    #[command(flatten)]
+    pub page: PageOptions,
     /// Write no journal; the job cannot be resumed.
     #[arg(long, conflicts_with = "journal")]
     pub no_journal: bool,

@@ -1,6 +1,7 @@
 //! Router of the operator's commands: to the job that runs, or to the machine thread.
 //!
-//! Invariant: nothing blocks here; a command that cannot be queued is reported on the screen.
+//! Invariant: nothing blocks here; a command that cannot be queued is reported on the screen. A hold reaches whatever
+//! was started before it: the job that runs, and every start that the machine thread has not begun yet.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,69 +9,119 @@ use std::sync::{Arc, Mutex, PoisonError};
 use retrace_controller::{CommandQueueFull, CommandReceiver, CommandSender, OperatorCommand, command_channel};
 use retrace_tui::{ScreenModel, UiCommand, lock_model};
 
-/// Routes commands from the screen.
+/// Routes commands from the screens.
 #[derive(Debug)]
 pub(super) struct CommandRouter {
     /// Model of the screen.
     pub(super) model: Arc<Mutex<ScreenModel>>,
     commands: Sender<UiCommand>,
-    job: Mutex<Option<CommandSender>>,
+    route: Mutex<Route>,
 }
+
+/// Where commands go, and the starts on their way to the machine thread. Starts are numbered from 1 on.
+#[derive(Debug, Default)]
+struct Route {
+    /// The job or manual move that runs.
+    job: Option<CommandSender>,
+    /// Number of the last start that was sent.
+    sent: u64,
+    /// Number of the last start that the machine thread has received.
+    received: u64,
+    /// Number of the last start that is done.
+    done: u64,
+    /// Number of the last start that a hold has cancelled.
+    cancelled: u64,
+}
+
+/// Number of a start that no hold cancels: it is no order of the operator.
+pub(super) const NOT_CANCELLABLE: u64 = u64::MAX;
 
 impl CommandRouter {
     /// Router for this model, and the receiver of commands while no job runs.
     pub(super) fn new(model: Arc<Mutex<ScreenModel>>) -> (Arc<Self>, Receiver<UiCommand>) {
         let (commands, receiver) = channel();
-        (Arc::new(Self { model, commands, job: Mutex::new(None) }), receiver)
+        (Arc::new(Self { model, commands, route: Mutex::new(Route::default()) }), receiver)
     }
 
-    /// Starts routing to a job or a manual move. Returns its receiver of commands.
-    pub(super) fn begin_job(&self) -> CommandReceiver {
+    /// The machine thread has received a start. Returns its number.
+    pub(super) fn receive_start(&self) -> u64 {
+        let mut route = self.route();
+        route.received += 1;
+        route.received
+    }
+
+    /// The machine thread has executed the starts that it has received.
+    pub(super) fn finish_start(&self) {
+        let mut route = self.route();
+        route.done = route.received;
+    }
+
+    /// Starts routing to a job or a manual move. Returns its receiver of commands; `None` where a hold has cancelled
+    /// the start of this number.
+    pub(super) fn begin_job(&self, start: u64) -> Option<CommandReceiver> {
+        let mut route = self.route();
+        if start <= route.cancelled {
+            return None;
+        }
         let (sender, receiver) = command_channel();
-        *self.job() = Some(sender);
-        receiver
+        route.job = Some(sender);
+        Some(receiver)
     }
 
     /// Ends routing to the job.
     pub(super) fn end_job(&self) {
-        *self.job() = None;
+        self.route().job = None;
     }
 
-    /// Routes a command from the screen.
-    pub(super) fn route(&self, command: UiCommand) {
+    /// Routes a command from a screen. Returns whether it was passed on.
+    pub(super) fn route_command(&self, command: UiCommand) -> bool {
         match command {
-            UiCommand::Job(command) => self.send_to_job(command),
+            UiCommand::Job(command) => return self.send_to_job(command),
             UiCommand::Turn(counts) => {
-                if let Some(job) = &*self.job() {
+                if let Some(job) = &self.route().job {
                     job.turn_wheel(counts);
                 }
             }
-            UiCommand::CutterOff if self.job().is_some() => self.send_to_job(OperatorCommand::CutterOff),
+            UiCommand::CutterOff if self.route().job.is_some() => return self.send_to_job(OperatorCommand::CutterOff),
             UiCommand::OptionalStop(on) => {
                 self.send_to_job(OperatorCommand::OptionalStop(on));
                 drop(self.commands.send(command));
             }
-            // A key that is held down does not queue up moves.
-            UiCommand::Task(_) if self.job().is_some() => {}
             // The machine thread receives every command until it ends.
-            other => {
+            command => {
                 if lock_model(&self.model).is_at_program_end() {
                     // The next command releases a job whose program has ended.
                     self.send_to_job(OperatorCommand::Stop);
                 }
-                drop(self.commands.send(other));
+                let mut route = self.route();
+                // A key that is held down does not queue up moves.
+                let is_busy = route.job.is_some() || route.sent != route.done;
+                if matches!(command, UiCommand::Task(_)) && is_busy {
+                    return false;
+                }
+                route.sent += u64::from(is_start(&command));
+                drop(self.commands.send(command));
             }
         }
+        true
     }
 
-    /// Sends a command to the job that runs; without one there is nothing to hold or stop.
-    pub(super) fn send_to_job(&self, command: OperatorCommand) {
-        let sent = self.job().as_ref().map(|job| job.send(command));
+    /// Sends a command to the job that runs. Without one there is nothing to hold or stop but what is about to start.
+    /// Returns whether the queue had space for it.
+    pub(super) fn send_to_job(&self, command: OperatorCommand) -> bool {
+        let sent = {
+            let mut route = self.route();
+            if matches!(command, OperatorCommand::Hold | OperatorCommand::Stop | OperatorCommand::Pause) {
+                route.cancelled = route.sent;
+            }
+            route.job.as_ref().map(|job| job.send(command))
+        };
         if sent == Some(Err(CommandQueueFull)) {
             let mut model = lock_model(&self.model);
             let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
             model.add_message(time_s, line, "command queue full: the key was ignored, press it again");
         }
+        sent != Some(Err(CommandQueueFull))
     }
 
     /// Stops what runs and ends the machine thread: the operator is gone. It is called until the thread has ended.
@@ -80,8 +131,55 @@ impl CommandRouter {
         let _ = self.commands.send(UiCommand::Quit);
     }
 
-    fn job(&self) -> std::sync::MutexGuard<'_, Option<CommandSender>> {
+    fn route(&self) -> std::sync::MutexGuard<'_, Route> {
         // The value is valid after a panic of another thread.
-        self.job.lock().unwrap_or_else(PoisonError::into_inner)
+        self.route.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Whether a command may start motion.
+pub(super) const fn is_start(command: &UiCommand) -> bool {
+    matches!(
+        command,
+        UiCommand::Start
+            | UiCommand::StartContour(_)
+            | UiCommand::StartLine(_)
+            | UiCommand::ResumeJob(_)
+            | UiCommand::Task(_)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_config::MachineConfig;
+    use retrace_controller::ManualTask;
+    use retrace_tui::ProgramFacts;
+
+    fn router() -> (Arc<CommandRouter>, Receiver<UiCommand>) {
+        let machine = MachineConfig::built_in().expect("valid");
+        let facts = Arc::new(ProgramFacts::of(&machine, "part.ngc", "M2\n"));
+        CommandRouter::new(Arc::new(Mutex::new(ScreenModel::new(facts))))
+    }
+
+    #[test]
+    fn a_hold_cancels_the_starts_before_it_and_none_behind_it() {
+        let (router, commands) = router();
+        let jog = || UiCommand::Task(ManualTask::JogOn { axis: 'x', up: true });
+        assert!(router.route_command(jog()) && router.route_command(UiCommand::Start));
+        assert!(router.route_command(UiCommand::Job(OperatorCommand::Hold)));
+        assert!(router.route_command(UiCommand::Start));
+        assert_eq!(commands.try_iter().filter(is_start).count(), 3, "every command arrives");
+        let begun = [(); 3].map(|()| router.begin_job(router.receive_start()).is_some());
+        assert_eq!(begun, [false, false, true]);
+        router.end_job();
+        assert!(!router.route_command(jog()), "what was started before is not done");
+        router.finish_start();
+        assert!(router.route_command(jog()));
+        // The third one runs: it has the next hold.
+        assert!(!router.route_command(jog()), "no task while it runs");
+        let mut receiver = router.begin_job(NOT_CANCELLABLE).expect("never cancelled");
+        router.send_to_job(OperatorCommand::Hold);
+        assert_eq!(receiver.next_command(), Some(OperatorCommand::Hold));
     }
 }

@@ -21,7 +21,7 @@ use retrace_tui::{
     lock_model,
 };
 
-use super::command_router::CommandRouter;
+use super::command_router::{CommandRouter, NOT_CANCELLABLE, is_start};
 use super::{ResumingJob, preview_thread};
 use crate::args::{self, Reading};
 use crate::command_failure::CommandFailure;
@@ -74,6 +74,8 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     failed: bool,
     /// Whether M1 stops in later jobs.
     optional_stop: bool,
+    /// Number of the start that is being executed.
+    start: u64,
     /// Job to resume first.
     resumed: Option<ResumingJob<'m, A, C>>,
     exit: ExitState,
@@ -94,7 +96,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let (mdi_context, machine) = (ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         let optional_stop = args.operation.optional_stop.is_some_and(args::OnOff::is_on);
-        lock_model(&router.model).optional_stop = optional_stop;
+        {
+            let mut model = lock_model(&router.model);
+            (model.optional_stop, model.dry_run) = (optional_stop, machine.inhibits_outputs);
+        }
         Self {
             args,
             machine,
@@ -111,6 +116,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             alarm: None,
             failed: false,
             optional_stop,
+            start: NOT_CANCELLABLE,
             resumed: None,
             exit,
         }
@@ -133,9 +139,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             return ExitState { failure: Some(failure), ..self.exit };
         }
         loop {
-            match self.commands.try_recv() {
+            let received = self.commands.try_recv();
+            let starts = received.as_ref().is_ok_and(is_start);
+            if starts {
+                self.start = self.router.receive_start();
+            }
+            match received {
                 Ok(UiCommand::Start) => self.run_job(self.args.clone()),
                 Ok(UiCommand::StartContour(number)) => self.run_from_contour(number),
+                Ok(UiCommand::StartLine(line)) => self.run_from_line(line),
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
                 Ok(UiCommand::Load(path)) => self.load_program(path),
@@ -145,11 +157,18 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                     lock_model(&self.router.model).optional_stop = on;
                 }
                 Ok(UiCommand::CloseRefusal) => self.close_refusal(),
-                Ok(UiCommand::DryRun(on)) => self.machine.inhibits_outputs = on,
+                Ok(UiCommand::DryRun(on)) => {
+                    self.machine.inhibits_outputs = on;
+                    lock_model(&self.router.model).dry_run = on;
+                }
                 // Commands to a job that has just ended, or an answer to its question.
                 Ok(UiCommand::Job(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
+                Ok(UiCommand::ResumeJob(id)) => self.add_message(format!("resume it with `retrace resume {id} --tui`")),
                 Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.exit_state(),
                 Err(TryRecvError::Empty) => self.idle_period(),
+            }
+            if starts {
+                self.router.finish_start();
             }
         }
     }
@@ -236,7 +255,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     fn perform_task(&mut self, task: &ManualTask) {
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let command_sources = script.with_operator(self.router.begin_job());
+        let Some(commands) = self.router.begin_job(self.start) else { return self.add_message("held before it began") };
+        let command_sources = script.with_operator(commands);
         let run_mode = RunMode { wall_time: true, operator: true, real_time: false };
         let mut shown = ManualObserver(self.observer.clone());
         let unhomed = self.moves_machine(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
@@ -337,6 +357,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         self.run_job(args::Run { start_line: None, contour: Some(number), ..self.args.clone() });
     }
 
+    /// Runs the program from a line on.
+    fn run_from_line(&mut self, line: u32) {
+        let lines = lock_model(&self.router.model).facts.program.lines();
+        if line == 0 || line as usize > lines {
+            return self.add_message(format!("the program has no line {line}: it has {lines} lines"));
+        }
+        self.run_job(args::Run { start_line: Some(line), contour: None, ..self.args.clone() });
+    }
+
     /// Runs the program from the current position; `args` has where it begins.
     fn run_job(&mut self, args: args::Run) {
         if lock_model(&self.router.model).stage == ScreenStage::Job {
@@ -356,12 +385,13 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         if let Err(refusal) = program.require_contour(&machine, args.contour) {
             return self.show_refusal(&refusal.to_string());
         }
+        let Some(commands) = self.router.begin_job(self.start) else { return self.add_message("held before it began") };
         if let Err(fault) = self.card.begin_path(PathStart::at(RecordIndex::new(0))) {
+            self.router.end_job();
             return self.emit(EventKind::Alarm(CardError::from(fault)));
         }
         let mut result = JobResult::default();
-        let at_screen =
-            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
+        let at_screen = TuiOptions { commands, observer: self.observer.clone(), result: &mut result };
         let machine_and_card = self.machine_and_card.clone();
         let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &machine_and_card);
         let done = self.begin_journal(&job).and_then(|journal| job.run(&mut *self.card, journal, Some(at_screen)));
@@ -406,8 +436,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Resumes an interrupted job at its breakpoint.
     fn resume(&mut self, resumed: ResumingJob<'m, A, C>) -> Result<(), CommandFailure> {
         let mut result = JobResult::default();
-        let at_screen =
-            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
+        // What is resumed waits for its own confirmation.
+        let Some(commands) = self.router.begin_job(NOT_CANCELLABLE) else { return Ok(()) };
+        let at_screen = TuiOptions { commands, observer: self.observer.clone(), result: &mut result };
         let (commands, model) = (&self.commands, &self.router.model);
         let mut ask = |summary: &ResumeSummary<'_, A>| {
             let prepared = summary.prepared;
@@ -467,6 +498,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let channels = self.machine.cutters.iter().map(|cutter| cutter.fire);
         let lit: Vec<u8> =
             channels.filter(|&channel| outputs.get(usize::from(channel)).is_some_and(|&on| on != 0)).collect();
+        self.start = NOT_CANCELLABLE;
         for channel in lit {
             self.perform_task(&ManualTask::Output(channel, 0));
         }

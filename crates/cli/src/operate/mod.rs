@@ -1,13 +1,16 @@
-//! Full-screen operation: connects the screen, manual operation, and the jobs that run.
+//! Operation at a screen: connects the screens, manual operation, and the jobs that run.
 //!
-//! Three threads: the screen, which may block with its terminal; the machine ([`machine_thread`]), which executes
-//! manual tasks and jobs; and this one, which supervises both.
+//! Up to four threads: the terminal screen, which may block with its terminal; the server of the page in a browser
+//! ([`page`]); the machine ([`machine_thread`]), which executes manual tasks and jobs; and this one, which supervises
+//! them.
 //!
 //! Invariant: the machine never runs without its operator. Where the terminal is gone, by a signal or an error or
-//! because nothing can be drawn on it, the job is stopped on its path and can be resumed.
+//! because nothing can be drawn on it, the job is stopped on its path and can be resumed; where the server of the page
+//! no longer responds, the machine is held.
 
 mod command_router;
 mod machine_thread;
+mod page;
 mod preview_thread;
 mod signals;
 
@@ -44,14 +47,40 @@ const GONE_AFTER: Duration = Duration::from_secs(60);
 /// Time that the screen may take to restore the terminal.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Whether the machine is to be operated at a screen.
-///
-/// # Errors
-/// `E2142` where a screen is requested and impossible.
-pub fn is_requested(args: &args::Run) -> Result<bool, NumberedError> {
+/// Screens at which the machine is operated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Screens {
+    /// The screen in the terminal.
+    pub terminal: bool,
+    /// The page in a browser.
+    pub page: bool,
+}
+
+impl Screens {
+    /// Screens that the command line requests.
+    ///
+    /// # Errors
+    /// `E2142` where one is requested and impossible.
+    pub fn of(args: &args::Run) -> Result<Self, NumberedError> {
+        if args.page.serve && args.format.json {
+            let what = "--serve and --json: the job is operated on the page";
+            return Err(NumberedError::new("E2142", what, "omit one of them; --journal DIR saves the report of a job"));
+        }
+        Ok(Self { terminal: terminal_is_requested(args)?, page: args.page.serve })
+    }
+
+    /// Whether there is any.
+    pub fn any(self) -> bool {
+        self.terminal || self.page
+    }
+}
+
+/// Whether the machine is to be operated at the screen in the terminal.
+fn terminal_is_requested(args: &args::Run) -> Result<bool, NumberedError> {
     let is_terminal = std::io::stdout().is_terminal();
     if !args.operation.tui {
-        return Ok(!args.no_tui && !args.format.json && args.operation.realtime && is_terminal);
+        let is_default = args.operation.realtime && !args.page.serve;
+        return Ok(!args.no_tui && !args.format.json && is_default && is_terminal);
     }
     if args.format.json {
         let what = "--tui and --json both need standard output";
@@ -114,7 +143,19 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
         preview_thread::show_resuming(&model, resumed.origin);
     }
     let (router, commands) = CommandRouter::new(Arc::clone(&model));
-    let mut screen = ScreenThread::begin(&model, &router);
+    let screens = Screens::of(args)?;
+    let mut page = if screens.page { Some(page::start(args, machine, &router)?) } else { None };
+    // A job that is resumed is operated at the terminal.
+    let has_terminal_screen = screens.terminal || !screens.page;
+    if let Some(page) = &page {
+        let lines = page::announce(args, page, has_terminal_screen);
+        if has_terminal_screen {
+            lines.into_iter().for_each(|line| lock_model(&model).add_message(0.0, 0, line));
+        } else {
+            lines.iter().for_each(crate::out::line);
+        }
+    }
+    let mut screen = has_terminal_screen.then(|| ScreenThread::begin(&model, &router));
     let machine_thread =
         MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, commands, &router);
     let machine_thread = machine_thread.resuming(resumed);
@@ -122,16 +163,19 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
         let machine = scope.spawn(|| machine_thread.work());
         while !machine.is_finished() {
             thread::sleep(POLL_INTERVAL);
-            if signals.have_arrived() || screen.is_gone() {
+            if signals.have_arrived() || screen.as_mut().is_some_and(ScreenThread::is_gone) {
                 router.stop_and_quit();
-            } else if screen.is_stuck() {
+            } else if screen.as_mut().is_some_and(ScreenThread::is_stuck)
+                || page.as_mut().is_some_and(retrace_serve::ServeHandle::is_stuck)
+            {
                 router.send_to_job(OperatorCommand::Hold);
             }
         }
         // A panic of the machine thread is a defect, never an input; it is passed on once the terminal is restored.
         machine.join()
     });
-    let shown = screen.end();
+    drop(page);
+    let shown = screen.map_or(Ok(()), ScreenThread::end);
     let done = done.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     if let Some(failure) = done.failure {
         return Err(failure);
@@ -157,7 +201,8 @@ struct ScreenThread {
 impl ScreenThread {
     fn begin(model: &Arc<Mutex<ScreenModel>>, router: &Arc<CommandRouter>) -> Self {
         let (picture, router) = (Arc::clone(model), Arc::clone(router));
-        let thread = thread::spawn(move || Screen::default().run(&picture, |command| router.route(command)));
+        let thread =
+            thread::spawn(move || Screen::default().run(&picture, |command| _ = router.route_command(command)));
         Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
     }
 

@@ -9,10 +9,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_controller::{BlockDecoder, DecodedBlock, analyse_program};
+use retrace_controller::{BlockDecoder, DecodedBlock, analyse_path};
 use retrace_gcode::{CanonStep, Setup};
 use retrace_tui::{
-    Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, diagnostic_lines, lock_model,
+    Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, ToolFacts, diagnostic_lines, lock_model,
 };
 
 use crate::decoder::Decoder;
@@ -21,9 +21,11 @@ use crate::program::Program;
 /// Facts that are known at once.
 pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts {
     let tools = program.tool_table().map_or_else(Vec::new, |table| {
-        let tool = |tool: &retrace_gcode::Tool| {
-            let name = table.name(tool.number).unwrap_or_default();
-            format!("T{:<4} D {:>8.3}  Z {:>9.3}  {name}", tool.number, tool.diameter, tool.offset.0[2])
+        let tool = |tool: &retrace_gcode::Tool| ToolFacts {
+            number: tool.number,
+            diameter_mm: tool.diameter,
+            length_mm: tool.offset.0[2],
+            name: table.name(tool.number).unwrap_or_default().to_owned(),
         };
         table.tools().map(tool).collect()
     });
@@ -168,11 +170,11 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     let cancellable = |decoder| CancellableDecoder { decoder, number };
     let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
-    let analysed = analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
-    let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
-        Planned::Known(analysis.motion_periods as f64 * machine.period_s())
+    let analysed = analyse_path::<A>(&machine, &mut cancellable(program.decoder()));
+    let (planned, path) = analysed.map_or((Planned::Unknown, None), |(analysis, path)| {
+        (Planned::Known(analysis.motion_periods as f64 * machine.period_s()), Some(Arc::new(path)))
     });
-    publish(model, number, |facts| ProgramFacts { planned, ..facts });
+    publish(model, number, |facts| ProgramFacts { planned, planned_path: path, ..facts });
 }
 
 /// Publishes changed facts. They are copied outside the lock of the model.

@@ -16,7 +16,7 @@ use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
 use crate::keys::{Key, TABLE};
 use crate::model::{AlarmShown, Pause, ScreenModel, ScreenStage};
 use crate::model_observer::lock_model;
-use crate::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
+use crate::program_facts::{AxisFacts, Planned, ProgramFacts, Text, ToolFacts};
 use crate::trail::TrailPoint;
 use crate::{UiCommand, layout, view};
 
@@ -44,12 +44,13 @@ prop_compose! {
     ) -> ScreenModel {
         let letters = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
         let axis = |letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] };
+        let tool = ToolFacts { number: 3, diameter_mm: 1.0, length_mm: 2.0, name: words.clone() };
         let facts = ProgramFacts {
             axes: letters[..axes].iter().copied().map(axis).collect(),
             period_s: 0.001,
             program: Text::new(&words, &format!("{words} X1\n").repeat(lines)),
             planned: planned_s.map_or(Planned::Unknown, Planned::Known),
-            tools: vec![words.clone(); usize::from(differ)],
+            tools: vec![tool; usize::from(differ)],
             ..ProgramFacts::default()
         };
         let mut model = ScreenModel::new(Arc::new(facts));

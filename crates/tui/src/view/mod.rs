@@ -75,11 +75,11 @@ impl Theme {
 pub(crate) fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, theme: Theme, now_ms: u64) {
     let area = out.area;
     let Some(panes) = layout::panes(area.width, area.height, model.facts.axes.len()) else {
-        too_small(out, model, key_state);
+        too_small(out, model);
         return;
     };
-    let hint = status_line::of(model, key_state);
-    draw_header(out, panes.head, model, key_state, &hint, theme);
+    let hint = status_line::of(model);
+    draw_header(out, panes.head, model, &hint, theme);
     draw_reason(out, panes.why, &hint, theme);
     listing::program(out, panes.program, model, theme);
     path::draw(out, panes.path, model, (key_state.view, key_state.frame), theme);
@@ -92,8 +92,8 @@ pub(crate) fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, 
 }
 
 /// Text for a terminal below the minimum size: state, reason and the hold key.
-fn too_small(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState) {
-    let hint = status_line::of(model, key_state);
+fn too_small(out: &mut Buffer, model: &ScreenModel) {
+    let hint = status_line::of(model);
     let lines = [
         format!("needs {} x {}", MIN_SIZE.0, MIN_SIZE.1),
         hint.status.to_string(),
@@ -105,16 +105,9 @@ fn too_small(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState) {
     }
 }
 
-fn draw_header(
-    out: &mut Buffer,
-    area: Rect,
-    model: &ScreenModel,
-    key_state: &KeyState,
-    hint: &StatusHint,
-    theme: Theme,
-) {
+fn draw_header(out: &mut Buffer, area: Rect, model: &ScreenModel, hint: &StatusHint, theme: Theme) {
     // A dry run is shown first while it is on.
-    let word = if key_state.dry { format!("DRY {}", hint.status) } else { hint.status.to_owned() };
+    let word = if model.dry_run { format!("DRY {}", hint.status) } else { hint.status.to_owned() };
     let mut style = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
     if theme.colour {
         style = style.patch(theme.of(hint.level));

@@ -12,6 +12,7 @@ use super::{Theme, contours, fold, pane, put_at, truncate};
 use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
 use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel};
+use crate::program_facts::ToolFacts;
 use crate::status_line::{self, HintLevel, StatusHint};
 
 /// Draws the dialog that is open, if any.
@@ -122,7 +123,7 @@ fn help_lines(situation: Situation, width: usize) -> Vec<String> {
 
 fn tools(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4));
-    let mut lines: Vec<String> = model.facts.tools.iter().take(room).cloned().collect();
+    let mut lines: Vec<String> = model.facts.tools.iter().take(room).map(tool_line).collect();
     if lines.is_empty() {
         lines.push("No tool table is loaded (--tools FILE).".into());
     }
@@ -232,4 +233,9 @@ fn differ(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     }
     lines.push("o: switch one output · r: reverse run".into());
     draw_box(out, "OUTPUTS DIFFER", &lines, theme);
+}
+
+/// Line of a tool.
+fn tool_line(tool: &ToolFacts) -> String {
+    format!("T{:<4} D {:>8.3}  Z {:>9.3}  {}", tool.number, tool.diameter_mm, tool.length_mm, tool.name)
 }

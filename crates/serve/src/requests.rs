@@ -1,0 +1,182 @@
+//! Plain requests: what pages ask for besides the live state, and the programs folder.
+//!
+//! Invariant: none of them moves the machine, or changes what its program does.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{ConnectInfo, Path, Query, Request, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use retrace_config::NumberedError;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::net::SocketAddr;
+use std::time::Instant;
+
+use crate::failure::{failure, store_failure};
+use crate::hello::hello;
+use crate::server_state::{Server, Shared};
+use crate::session::{LoginError, Rights};
+use crate::snapshot::LogView;
+
+/// Maximum number of lines in one answer.
+const MAX_LINES: usize = 500;
+
+/// Refuses a request without these rights.
+pub(crate) async fn require(server: Arc<Server>, needed: Rights, request: Request, next: Next) -> Response {
+    let rights = server.sessions().rights(request.headers(), Instant::now());
+    match rights {
+        Some(rights) if rights.include(needed) => next.run(request).await,
+        Some(_) => {
+            let error = NumberedError::new("E2403", "these rights do not suffice", "use the address with more rights");
+            failure(StatusCode::FORBIDDEN, &error)
+        }
+        None => {
+            let remedy = "open the address that `retrace serve` prints";
+            failure(StatusCode::UNAUTHORIZED, &NumberedError::new("E2402", "no session", remedy))
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Login {
+    token: String,
+}
+
+pub(crate) async fn begin_session(
+    State(server): Shared,
+    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    Json(login): Json<Login>,
+) -> Response {
+    let begun = server.sessions().begin(&login.token, peer.ip(), Instant::now());
+    match begun {
+        Ok((rights, cookie)) => {
+            ([(header::SET_COOKIE, cookie)], Json(json!({"rights": rights.name()}))).into_response()
+        }
+        Err(LoginError::WrongToken) => {
+            let remedy = "open the address that `retrace serve` prints";
+            failure(StatusCode::UNAUTHORIZED, &NumberedError::new("E2401", "the token is wrong", remedy))
+        }
+        Err(LoginError::TooMany) => failure(
+            StatusCode::TOO_MANY_REQUESTS,
+            &NumberedError::new("E2401", "too many wrong tokens came from this address", "wait a minute"),
+        ),
+        Err(LoginError::NoRandomNumbers) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+pub(crate) async fn end_session(State(server): Shared, headers: HeaderMap) -> Response {
+    let cookie = server.sessions().end(&headers);
+    ([(header::SET_COOKIE, cookie)], StatusCode::NO_CONTENT).into_response()
+}
+
+pub(crate) async fn get_hello(State(server): Shared) -> Json<Value> {
+    Json(hello(&server))
+}
+
+pub(crate) async fn get_state(State(server): Shared) -> Response {
+    let Some(snapshot) = server.desk.newest().0 else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let body = format!(r#"{{"state":{},"live":{}}}"#, snapshot.state, snapshot.live);
+    ([(header::CONTENT_TYPE, "application/json")], body).into_response()
+}
+
+pub(crate) async fn get_log(State(server): Shared) -> Json<LogView> {
+    Json(LogView::of(&server.desk.model()))
+}
+
+#[derive(Deserialize)]
+pub(crate) struct LineRange {
+    from: Option<usize>,
+    count: Option<usize>,
+}
+
+pub(crate) async fn get_lines(State(server): Shared, Query(range): Query<LineRange>) -> Json<Value> {
+    let facts = Arc::clone(&server.desk.model().facts);
+    let (from, count) = (range.from.unwrap_or(1).max(1), range.count.unwrap_or(200).min(MAX_LINES));
+    let lines: Vec<&str> = (from..from.saturating_add(count)).map_while(|line| facts.program.line(line)).collect();
+    Json(json!({"name": facts.program.name, "lines_total": facts.program.lines(), "from": from, "lines": lines}))
+}
+
+pub(crate) async fn get_contours(State(server): Shared) -> Json<Value> {
+    let model = server.desk.model().clone();
+    let planned = model.facts.contours.as_deref();
+    let numbers = model.contours.numbers(planned);
+    let rows = numbers.into_iter().filter_map(|number| model.contours.row(number, planned));
+    let contours: Vec<Value> = rows
+        .map(|row| {
+            json!({
+                "number": row.number,
+                "line": row.line,
+                "cutter": row.planned.map(|planned| &planned.cutter),
+                "subprogram": row.planned.and_then(|planned| planned.subprogram()),
+                "length_mm": row.planned.map(|planned| planned.length_mm),
+                "cut_mm": row.cut_mm,
+                "not_cut_mm": row.not_cut_mm,
+                "state": row.state.name(),
+            })
+        })
+        .collect();
+    Json(json!({"contours": contours, "current": model.contours.current().map(|(number, _)| number)}))
+}
+
+pub(crate) async fn get_tools(State(server): Shared) -> Json<Value> {
+    let facts = Arc::clone(&server.desk.model().facts);
+    let tools: Vec<Value> = facts
+        .tools
+        .iter()
+        .map(|tool| {
+            json!({
+                "number": tool.number,
+                "diameter_mm": tool.diameter_mm,
+                "length_mm": tool.length_mm,
+                "name": tool.name,
+            })
+        })
+        .collect();
+    Json(json!({"tools": tools}))
+}
+
+pub(crate) async fn get_profile(State(server): Shared) -> Response {
+    let profile = tokio::task::spawn_blocking(move || server.desk.host().profile()).await;
+    match profile {
+        Ok(Some(profile)) => Json(profile).into_response(),
+        _ => {
+            let error = NumberedError::new("E2407", "no program has been checked", "load a program");
+            failure(StatusCode::NOT_FOUND, &error)
+        }
+    }
+}
+
+pub(crate) async fn get_jobs(State(server): Shared) -> Response {
+    let jobs = tokio::task::spawn_blocking(move || server.desk.host().jobs()).await;
+    jobs.map_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response(), |jobs| Json(jobs).into_response())
+}
+
+pub(crate) async fn get_job(State(server): Shared, Path(id): Path<String>) -> Response {
+    let job = tokio::task::spawn_blocking(move || server.desk.host().job(&id)).await;
+    match job {
+        Ok(Ok(job)) => Json(job).into_response(),
+        Ok(Err(error)) => failure(StatusCode::NOT_FOUND, &error),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+pub(crate) async fn get_programs(State(server): Shared) -> Response {
+    let has_folder = server.desk.folders().programs.is_some();
+    let listed = tokio::task::spawn_blocking(move || server.desk.folders().list()).await;
+    let Ok(programs) = listed else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
+    Json(json!({"programs": programs, "folder": has_folder})).into_response()
+}
+
+pub(crate) async fn delete_program(State(server): Shared, Path(name): Path<String>) -> Response {
+    let of = name.clone();
+    let deleted = tokio::task::spawn_blocking(move || server.desk.folders().delete(&of)).await;
+    match deleted {
+        Ok(Ok(())) => StatusCode::NO_CONTENT.into_response(),
+        Ok(Err(error)) => store_failure(error, &name),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}

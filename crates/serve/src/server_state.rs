@@ -1,0 +1,113 @@
+//! State of the server that all requests share: the desk, the sessions and the pages.
+//!
+//! Invariant: no lock of it is held while anything is waited for.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use axum::extract::State;
+use tokio::sync::watch;
+
+use crate::control::Client;
+use crate::host::ServeOptions;
+use crate::operator_desk::OperatorDesk;
+use crate::session::{Keys, Sessions};
+
+/// Maximum number of pages at a time.
+pub(crate) const MAX_PAGES: usize = 16;
+
+/// Longest name of a page, characters.
+const MAX_PAGE_NAME: usize = 30;
+
+/// The server, as handlers receive it.
+pub(crate) type Shared = State<Arc<Server>>;
+
+/// State of the server that all requests share.
+pub(crate) struct Server {
+    pub(crate) desk: OperatorDesk,
+    pub(crate) options: ServeOptions,
+    pub(crate) news: watch::Sender<u64>,
+    pub(crate) receives_upload: Mutex<bool>,
+    /// Number that changes with the names of the pages.
+    pub(crate) names_version: AtomicU64,
+    sessions: Mutex<Sessions>,
+    pages: Mutex<Pages>,
+    begun: Instant,
+    /// Time of the last sign of life of the server's thread, ms since the beginning.
+    alive_ms: AtomicU64,
+}
+
+#[derive(Debug, Default)]
+struct Pages {
+    last: Client,
+    names: HashMap<Client, String>,
+}
+
+impl Server {
+    /// State of a server at this port, without pages.
+    pub(crate) fn new(desk: OperatorDesk, keys: Keys, port: u16, options: ServeOptions) -> Self {
+        Self {
+            desk,
+            sessions: Mutex::new(Sessions::new(keys, port)),
+            news: watch::channel(0).0,
+            receives_upload: Mutex::new(false),
+            names_version: AtomicU64::new(0),
+            pages: Mutex::new(Pages::default()),
+            begun: Instant::now(),
+            alive_ms: AtomicU64::new(0),
+            options,
+        }
+    }
+
+    /// The server's thread is alive.
+    pub(crate) fn show_life(&self) {
+        self.alive_ms.store(self.begun.elapsed().as_millis() as u64, Ordering::Relaxed);
+    }
+
+    /// Time since the last sign of life of the server's thread.
+    pub(crate) fn silence(&self) -> Duration {
+        self.begun.elapsed().saturating_sub(Duration::from_millis(self.alive_ms.load(Ordering::Relaxed)))
+    }
+
+    pub(crate) fn sessions(&self) -> MutexGuard<'_, Sessions> {
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn pages(&self) -> MutexGuard<'_, Pages> {
+        self.pages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Number for a new page, if there is room for one.
+    pub(crate) fn connect(&self) -> Option<Client> {
+        let mut pages = self.pages();
+        if pages.names.len() >= MAX_PAGES {
+            return None;
+        }
+        pages.last += 1;
+        let client = pages.last;
+        pages.names.insert(client, format!("page {client}"));
+        Some(client)
+    }
+
+    /// A page is gone.
+    pub(crate) fn disconnect(&self, client: Client) {
+        self.pages().names.remove(&client);
+        self.desk.disconnect(client);
+    }
+
+    /// Name of a page; also of one that is gone.
+    pub(crate) fn page_name(&self, client: Client) -> String {
+        self.pages().names.get(&client).cloned().unwrap_or_else(|| format!("page {client}"))
+    }
+
+    /// Names a page.
+    pub(crate) fn name_page(&self, client: Client, name: &str) {
+        let name: String = name.trim().chars().filter(|c| !c.is_control()).take(MAX_PAGE_NAME).collect();
+        if let (false, Some(slot)) = (name.is_empty(), self.pages().names.get_mut(&client)) {
+            *slot = name;
+        }
+        self.names_version.fetch_add(1, Ordering::Relaxed);
+    }
+}

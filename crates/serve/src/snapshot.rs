@@ -1,0 +1,399 @@
+//! What pages show: the machine's state, its live figures, and the messages, taken from the screen model.
+//!
+//! Invariant: a figure that is not known is `null`, never 0. The number of the state grows exactly where something has
+//! changed that an operator must have seen before he starts motion.
+
+use retrace_core::RecordIndex;
+use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
+use retrace_tui::{AxisHoming, PanelStatus, ProgramCheck, ScreenModel, ScreenStage};
+use serde::Serialize;
+
+/// Units of a record's fraction in a record.
+const FRACTIONS: f64 = 4_294_967_296.0;
+
+/// Maximum number of findings of a check that are shown.
+const MAX_FINDINGS: usize = 100;
+
+/// The machine's state, whole.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct StateView {
+    t: &'static str,
+    /// Number of the state that matters for starting motion.
+    pub(crate) n: u32,
+    stage: &'static str,
+    word: &'static str,
+    why: String,
+    level: &'static str,
+    can: Vec<String>,
+    suggested: Vec<String>,
+    situation: &'static str,
+    mode: &'static str,
+    hold_reason: &'static str,
+    homed: bool,
+    homing: Vec<&'static str>,
+    single: bool,
+    optional_stop: bool,
+    dry_run: bool,
+    #[serde(rename = "override")]
+    feed_override: f64,
+    rapid_override: f64,
+    override_max: f64,
+    line: u32,
+    program: ProgramView,
+    modal: String,
+    tool: Option<i32>,
+    outputs: Vec<OutputView>,
+    inputs: u16,
+    cutter: Option<CutterView>,
+    cut_end_line: Option<u32>,
+    alarm: Option<AlarmView>,
+    question: Option<QuestionView>,
+    pause: Option<PauseView>,
+    switching: Option<&'static str>,
+    tool_change: Option<i32>,
+    differing_outputs: Vec<DifferingOutputView>,
+    waiting: Option<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct ProgramView {
+    name: String,
+    lines: usize,
+    check: &'static str,
+    findings: Vec<String>,
+    planned_s: Option<f64>,
+    path: Option<u32>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct OutputView {
+    channel: u8,
+    value: i32,
+    expected: i32,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct DifferingOutputView {
+    channel: u8,
+    value: i32,
+    expected: i32,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct CutterView {
+    name: String,
+    state: &'static str,
+    contour: Option<u32>,
+    contours: Option<u64>,
+    off_reason: Option<&'static str>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct AlarmView {
+    number: String,
+    cause: String,
+    remedy: String,
+    is_refusal: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct QuestionView {
+    title: String,
+    lines: Vec<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct PauseView {
+    stopped: bool,
+    started: bool,
+    online: bool,
+}
+
+/// The live figures.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct LiveView {
+    t: &'static str,
+    mm: Vec<f64>,
+    work: Vec<f64>,
+    to_go: Vec<Option<f64>>,
+    feed: f64,
+    rate: f64,
+    line: u32,
+    record: f64,
+    oldest: i64,
+    reached: i64,
+    planned: i64,
+    back_mm: f64,
+    history_mm: f64,
+    history_s: f64,
+    at_rest: bool,
+    left_s: Option<f64>,
+    run_s: f64,
+    seconds_lit: Option<f64>,
+}
+
+/// The messages.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct LogView {
+    t: &'static str,
+    messages: Vec<MessageView>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct MessageView {
+    time_s: f64,
+    line: u32,
+    text: String,
+    times: u32,
+}
+
+/// What an operator must have seen before he starts motion.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SeenState {
+    situation: &'static str,
+    mode: &'static str,
+    hold_reason: HoldReason,
+    alarm: Option<String>,
+    question: Option<String>,
+    program: String,
+    homed: bool,
+    dry_run: bool,
+    awaits_confirmation: bool,
+}
+
+impl SeenState {
+    /// The state that this model shows.
+    pub(crate) fn of(model: &ScreenModel, status: &PanelStatus) -> Self {
+        Self {
+            situation: status.situation,
+            mode: model.mode.name(),
+            hold_reason: model.hold_reason,
+            alarm: model.alarm.as_ref().map(|alarm| alarm.number.clone()),
+            question: model.question.as_ref().map(|question| question.title.clone()),
+            program: model.facts.program.name.clone(),
+            homed: model.homed,
+            dry_run: model.dry_run,
+            awaits_confirmation: !model.differing_outputs.is_empty(),
+        }
+    }
+
+    /// What has changed since an earlier state, in words.
+    pub(crate) fn changes_from(&self, before: &Self) -> String {
+        let mut changes = Vec::new();
+        let mut note = |is_new: bool, text: String| {
+            if is_new {
+                changes.push(text);
+            }
+        };
+        let alarm = self.alarm.as_deref().map_or("the alarm is cleared".into(), |number| format!("alarm {number}"));
+        note(self.alarm != before.alarm, alarm);
+        note(self.situation != before.situation, format!("the situation is {}", self.situation.replace('_', " ")));
+        note(self.mode != before.mode, format!("the mode is {}", self.mode.replace('_', " ")));
+        note(self.hold_reason != before.hold_reason, format!("the hold is {}", hold_name(self.hold_reason)));
+        note(self.program != before.program, format!("the program is {}", self.program));
+        note(self.question != before.question, "a question was opened or answered".into());
+        note(self.homed != before.homed, if self.homed { "it is homed" } else { "it is not homed" }.into());
+        note(self.dry_run != before.dry_run, if self.dry_run { "dry run" } else { "no dry run" }.into());
+        note(self.awaits_confirmation != before.awaits_confirmation, "the outputs differ or differ no more".into());
+        changes.join(", ")
+    }
+}
+
+const fn hold_name(reason: HoldReason) -> &'static str {
+    match reason {
+        HoldReason::None => "none",
+        HoldReason::Hold => "hold",
+        HoldReason::ProgramStop => "program stop",
+        HoldReason::SingleBlock => "single block",
+        HoldReason::Ended => "end of program",
+        HoldReason::Paused => "paused",
+    }
+}
+
+const fn stage_name(stage: &ScreenStage) -> &'static str {
+    match stage {
+        ScreenStage::Setup => "setup",
+        ScreenStage::Resuming => "resuming",
+        ScreenStage::Job => "job",
+        ScreenStage::Ended(_) => "ended",
+    }
+}
+
+const fn homing_name(homing: AxisHoming) -> &'static str {
+    match homing {
+        AxisHoming::NotNeeded => "not_needed",
+        AxisHoming::Homed => "homed",
+        AxisHoming::NotHomed => "not_homed",
+    }
+}
+
+impl StateView {
+    /// State that this model shows, without numbers.
+    pub(crate) fn of(model: &ScreenModel, status: PanelStatus) -> Self {
+        let differing = model.differing_outputs.iter();
+        Self {
+            t: "state",
+            n: 0,
+            stage: stage_name(&model.stage),
+            word: status.word,
+            why: status.reason,
+            level: status.level,
+            can: status.possible,
+            suggested: status.suggested,
+            situation: status.situation,
+            mode: model.mode.name(),
+            hold_reason: hold_name(model.hold_reason),
+            homed: model.homed,
+            homing: model.homing.iter().map(|&homing| homing_name(homing)).collect(),
+            single: model.single,
+            optional_stop: model.optional_stop,
+            dry_run: model.dry_run,
+            feed_override: rounded(model.override_rate, 1e4),
+            rapid_override: rounded(model.rapid_override, 1e4),
+            override_max: rounded(model.override_planned, 1e4),
+            line: model.line,
+            program: ProgramView::of(model),
+            modal: model.active.modal.clone(),
+            tool: model.active.tool,
+            outputs: outputs(model),
+            inputs: model.inputs,
+            cutter: cutter(model),
+            cut_end_line: model.cut_end_line,
+            alarm: model.alarm.as_ref().map(|alarm| AlarmView {
+                number: alarm.number.clone(),
+                cause: alarm.cause.clone(),
+                remedy: alarm.remedy.clone(),
+                is_refusal: alarm.is_refusal,
+            }),
+            question: model
+                .question
+                .as_ref()
+                .map(|question| QuestionView { title: question.title.clone(), lines: question.lines.clone() }),
+            pause: model.pause.map(|pause| PauseView {
+                stopped: pause.stopped,
+                started: pause.started,
+                online: pause.online,
+            }),
+            switching: model.switching,
+            tool_change: model.tool_change,
+            differing_outputs: differing
+                .map(|&(channel, value, expected)| DifferingOutputView { channel, value, expected })
+                .collect(),
+            waiting: model.stalled_source().map(|(source, seconds)| format!("{source}, for {seconds:.0} s")),
+        }
+    }
+}
+
+impl StateView {
+    /// The state with its number and that of its path.
+    pub(crate) fn with_numbers(mut self, n: u32, path: Option<u32>) -> Self {
+        (self.n, self.program.path) = (n, path);
+        self
+    }
+}
+
+impl ProgramView {
+    fn of(model: &ScreenModel) -> Self {
+        let facts = &model.facts;
+        let (check, findings) = match &facts.check {
+            ProgramCheck::Checking => ("checking", &[][..]),
+            ProgramCheck::NotLoaded => ("not_loaded", &[][..]),
+            ProgramCheck::Ready => ("ready", &[][..]),
+            ProgramCheck::Failed(findings) => ("failed", findings.as_slice()),
+            ProgramCheck::CheckedAsItRuns => ("stream", &[][..]),
+        };
+        Self {
+            name: facts.program.name.clone(),
+            lines: facts.program.lines(),
+            check,
+            findings: findings.iter().take(MAX_FINDINGS).cloned().collect(),
+            planned_s: facts.planned.seconds(),
+            path: None,
+        }
+    }
+}
+
+/// Every output that is or should be on, and every other one that was ever reported.
+fn outputs(model: &ScreenModel) -> Vec<OutputView> {
+    let mut channels: Vec<u8> = model.outputs.keys().chain(model.program_outputs.keys()).copied().collect();
+    channels.sort_unstable();
+    channels.dedup();
+    let view = |channel| OutputView { channel, value: model.output(channel), expected: model.program_output(channel) };
+    channels.into_iter().map(view).collect()
+}
+
+/// The cutter that is shown: one that is not off, or the first one.
+fn cutter(model: &ScreenModel) -> Option<CutterView> {
+    let state = |fire: u8| model.cutter_states.get(&fire).copied();
+    let is_active = |fire: u8| state(fire).is_some_and(|(state, _)| state.name() != "off");
+    let cutters = &model.facts.cutters;
+    let shown = cutters.iter().find(|cutter| is_active(cutter.fire)).or(cutters.first())?;
+    let contour = model.contours.current().map(|(number, _)| number);
+    Some(CutterView {
+        name: shown.name.clone(),
+        state: state(shown.fire).map_or("off", |(state, _)| state.name()),
+        contour: contour.or(model.contours.last()),
+        contours: model.facts.contours.as_ref().map(|list| list.count),
+        off_reason: model.cutter_off_reasons.get(&shown.fire).copied(),
+    })
+}
+
+impl LiveView {
+    /// Live figures that this model shows.
+    pub(crate) fn of(model: &ScreenModel) -> Self {
+        let axes = 0..model.facts.axes.len();
+        let records = |index: RecordIndex| records_from_start(index);
+        let (history_s, history_mm) = model.history();
+        let lit = model.facts.cutters.iter().map(|cutter| model.on_s(cutter.fire)).fold(0.0, f64::max);
+        Self {
+            t: "live",
+            mm: axes.clone().map(|axis| rounded(model.machine_mm(axis), 1e4)).collect(),
+            work: axes.clone().map(|axis| rounded(model.work_mm(axis), 1e4)).collect(),
+            to_go: axes.map(|axis| model.to_go_mm(axis).map(|mm| rounded(mm, 1e4))).collect(),
+            feed: rounded(model.feed_mm_min, 10.0),
+            rate: rounded(model.rate, 1e4),
+            line: model.line,
+            record: records(model.place.record) as f64 + rounded(f64::from(model.place.fraction) / FRACTIONS, 1e3),
+            oldest: records(model.oldest),
+            reached: records(model.reached),
+            planned: records(model.planned),
+            back_mm: rounded(model.back_mm(), 1e3),
+            history_mm: rounded(history_mm, 1e3),
+            history_s: rounded(history_s, 1e3),
+            at_rest: model.at_rest,
+            left_s: model.time_remaining().map(|left| rounded(left.seconds, 10.0)),
+            run_s: rounded(model.run_s(), 10.0),
+            seconds_lit: (lit > 0.0).then(|| rounded(lit, 10.0)),
+        }
+    }
+}
+
+impl LogView {
+    /// The messages in this model, and the number of the first one.
+    pub(crate) fn of(model: &ScreenModel) -> Self {
+        let view = |message: &retrace_tui::Message| MessageView {
+            time_s: rounded(message.time_s, 1e3),
+            line: message.line,
+            text: message.text.clone(),
+            times: message.times,
+        };
+        Self { t: "log", messages: model.messages.iter().map(view).collect() }
+    }
+}
+
+/// Number of records from the start of the program's path, negative before it.
+fn records_from_start(index: RecordIndex) -> i64 {
+    i64::from(RecordIndex::new(0).records_to(index))
+}
+
+/// A figure with a bounded number of decimals, so that noise does not make messages.
+fn rounded(value: f64, per_unit: f64) -> f64 {
+    let rounded = (value * per_unit).round() / per_unit;
+    if rounded == 0.0 { 0.0 } else { rounded }
+}
+
+/// Whether the path is being retraced, by keys that were pressed or by the handwheel.
+pub(crate) fn is_retracing(model: &ScreenModel) -> bool {
+    model.stage == ScreenStage::Job && !matches!(model.mode, Mode::Run | Mode::AwaitOutputs)
+}
