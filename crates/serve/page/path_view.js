@@ -4,6 +4,7 @@
 
 import { button, element, setText, svgElement } from './element.js';
 import { PathCamera, VIEWS } from './path_camera.js';
+import { boxOutline } from './box_outline.js';
 import { PathChunks } from './path_chunks.js';
 import { PathRenderer } from './path_renderer.js';
 import { followGestures } from './path_gestures.js';
@@ -333,9 +334,10 @@ export class PathView {
     const { live, hello } = this.store,
       { chunks, camera } = this;
     const put = (node, point) => {
-      node.hidden = node.style.display = point ? '' : 'none';
-      if (!point) return;
-      const [x, y] = camera.project(point);
+      const [x, y] = point ? camera.project(point) : [-1e3, -1e3];
+      const isSeen = x > -30 && y > -30 && x < camera.width + 30 && y < camera.height + 30;
+      node.style.display = isSeen ? '' : 'none';
+      if (!isSeen) return;
       node.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
     };
     put(this.tool, live ? this.toPath(this.xyz(live.mm)) : null);
@@ -378,22 +380,4 @@ function mark(name, outline) {
   );
   node.style.display = 'none';
   return node;
-}
-
-/** Outline of a box in the picture: 12 edges, or four where it is seen along an axis. */
-function boxOutline(box, camera) {
-  const corner = number =>
-    camera
-      .project([0, 1, 2].map(axis => box[axis + ((number >> axis) & 1) * 3]))
-      .map(value => value.toFixed(1))
-      .join(' ');
-  const edges = new Set();
-  for (let from = 0; from < 8; from++) {
-    for (const axis of [1, 2, 4]) {
-      if (from & axis) continue;
-      const [a, b] = [corner(from), corner(from | axis)];
-      if (a !== b) edges.add(`M${a}L${b}`);
-    }
-  }
-  return [...edges].join('');
 }
