@@ -9,6 +9,7 @@ import { formatLength, lengthUnit, orderNumber, parseLength } from './units.js';
 const RETRACE_PERCENTS = [100, 50, 25, 10];
 const RAPID_PERCENTS = [100, 50, 25, 0];
 const NEW_PERCENT_MS = 1500;
+const MIN_OVERRIDE = 0;
 
 const ORDERS = {
   'cycle-start': 'cycle start',
@@ -125,9 +126,10 @@ export class ActionTable {
     const now = performance.now(),
       { state } = this.store;
     const shown = Math.round(state.override * 100);
-    const from = now - this.wantedOverride.at < NEW_PERCENT_MS ? this.wantedOverride.percent : shown;
+    const from =
+      now - this.wantedOverride.at < NEW_PERCENT_MS ? this.wantedOverride.percent : Math.round(shown / 10) * 10;
     const most = Math.round((state.override_max ?? 1) * 100);
-    const percent = Math.min(Math.max(from + difference, 0), most);
+    const percent = Math.min(Math.max(from + difference, MIN_OVERRIDE), most);
     this.wantedOverride = { percent, at: now };
     this.orders.send(`override ${percent}%`);
   }

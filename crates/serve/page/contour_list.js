@@ -9,6 +9,7 @@ import { formatLength } from './units.js';
 
 const REFRESH_MS = 2000;
 const ROW_HEIGHT = 44;
+const MAX_LINES = 4;
 const SIGNS = { cut: '■', begun: '◧', not_begun: '□', skipped: '–', passed: '–' };
 
 /** Contours. */
@@ -70,7 +71,12 @@ export class ContourList {
     setText(mark, SIGNS[contour.state] ?? (share >= 0.999 ? '■' : share > 0 ? '◧' : '□'));
     setText(name, `${contour.number} · line ${contour.line}${contour.cutter ? ` · ${contour.cutter}` : ''}`);
     const length = contour.length_mm === null || contour.length_mm === undefined ? '' : formatLength(contour.length_mm);
-    setText(cut, `${String(contour.state).replaceAll('_', ' ')} · ${length}`);
+    const isPart = share > 0 && share < 0.999;
+    const parts = [
+      String(contour.state).replaceAll('_', ' '),
+      isPart ? `${formatLength(contour.cut_mm)} of ${length}` : length,
+    ];
+    setText(cut, parts.filter(Boolean).join(' · '));
     row.classList.toggle('chosen', index === this.list.marked);
     row.classList.toggle('now', contour.number === this.store.state?.cutter?.contour);
   }
@@ -78,9 +84,14 @@ export class ContourList {
   async choose(index) {
     this.list.mark(index);
     this.showState();
-    const { line } = this.contours[index],
-      answer = await this.orders.locate({ line });
-    if (answer) this.store.choose({ line, records: answer.records, from: 'contour' });
+    // The line that lights the cutter makes no motion; the next one that does shows where the contour is.
+    const { line } = this.contours[index];
+    for (let next = line; next < line + MAX_LINES; next++) {
+      const answer = await this.orders.locate({ line: next });
+      if (!answer) continue;
+      this.store.choose({ line: next, records: answer.records, from: 'contour' });
+      break;
+    }
   }
 
   perform() {

@@ -4,7 +4,7 @@
 
 import { button, element, setText } from './element.js';
 import { VirtualList } from './virtual_list.js';
-import { confirm } from './dialog.js';
+import { confirm, openDialog } from './dialog.js';
 import { formatDuration } from './units.js';
 
 const PAGE_LINES = 200;
@@ -36,10 +36,11 @@ export class Listing {
     });
     this.title = element('p', { class: 'list-title' });
     this.followButton = button('follow', () => this.setFollows(true), { class: 'follow', 'aria-pressed': 'true' });
+    this.findingsButton = button('findings', () => this.openFindings(), { hidden: true });
     this.node = element(
       'div',
       { class: 'column' },
-      element('div', { class: 'list-head' }, this.title, this.followButton),
+      element('div', { class: 'list-head' }, this.title, this.findingsButton, this.followButton),
       this.list.node,
     );
     store.on('state', () => this.showProgram());
@@ -66,11 +67,23 @@ export class Listing {
       this.store.state.dry_run ? 'DRY RUN' : null,
     ].filter(Boolean);
     setText(this.title, program.name ? `${program.name} · ${notes.join(' · ')}` : 'no program: load one under Files');
-    this.title.title = program.findings?.join('\n') ?? '';
+    const findings = program.findings?.length ?? 0;
+    this.findingsButton.hidden = findings === 0;
+    setText(this.findingsButton, `${findings} ${findings === 1 ? 'finding' : 'findings'}`);
     if (key === this.shownProgram) return;
     this.shownProgram = key;
     this.pages.clear();
     this.list.setCount(program.lines ?? 0);
+  }
+
+  openFindings() {
+    const { name, findings } = this.store.state.program;
+    openDialog({
+      key: 'findings',
+      title: `Findings in ${name}`,
+      content: [element('ul', { class: 'question-lines' }, ...findings.map(text => element('li', { text })))],
+      choices: [{ label: 'Close' }],
+    });
   }
 
   fillRow(row, index) {

@@ -77,7 +77,10 @@ export class LogPanel {
     const keys = new Set(this.messages.map(key));
     const fresh = this.seen ? this.messages.filter(message => !this.seen.has(key(message))) : [];
     this.seen = keys;
-    for (const { text } of fresh.filter(message => REFUSAL.test(message.text)).slice(-2)) {
+    // What the check of a program found is shown with the program.
+    const findings = this.store.state?.program.findings ?? [];
+    const refusals = fresh.filter(({ text }) => REFUSAL.test(text) && !findings.includes(text));
+    for (const { text } of refusals.slice(-2)) {
       const number = NUMBER.exec(text),
         [cause, remedy] = text.slice(number?.[0].length ?? 0).split(' · ');
       this.notices.refuse({ number: number?.[1], cause, remedy });

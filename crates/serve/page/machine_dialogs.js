@@ -65,11 +65,12 @@ export class MachineDialogs {
   }
 
   openAlarm() {
-    const { alarm } = this.store.state;
+    const { alarm } = this.store.state,
+      kind = alarm.is_refusal ? 'Not started' : 'Alarm';
     openDialog({
       key: 'alarm',
       level: 'alarm',
-      title: `${alarm.is_refusal ? 'Refused' : 'Alarm'} ${alarm.number}`,
+      title: /^[EW]\d/.test(alarm.number) ? `${kind} ${alarm.number}` : `${kind}: ${alarm.number}`,
       content: [element('p', { class: 'cause', text: alarm.cause }), element('p', { text: alarm.remedy })],
       choices: [
         { label: 'Hide' },

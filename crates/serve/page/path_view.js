@@ -50,7 +50,7 @@ export class PathView {
       this.note,
     );
     place.append(this.place);
-    this.blockRange = null;
+    this.blockRange = this.shownPath = null;
     this.ghostRecord = null;
     this.follows = 'program';
     this.begin();
@@ -67,7 +67,10 @@ export class PathView {
     });
     new ResizeObserver(() => this.resize()).observe(this.place);
     store.on('path', path => this.setPath(path));
-    store.on('state', () => this.locateBlock());
+    store.on('state', state => {
+      this.locateBlock();
+      if (state.program.path === null && state.program.check !== 'checking') this.clearPath();
+    });
     store.on('chosen', () => this.showChosen());
     onSettingChange(() => {
       this.colours = pathColours();
@@ -144,6 +147,15 @@ export class PathView {
       this.fit('program');
     }
     this.locateBlock();
+    this.requestFrame();
+  }
+
+  /** Shows no path: the program has none. */
+  clearPath() {
+    if (this.shownPath === null) return;
+    this.chunks.clear();
+    this.store.path = null;
+    this.shownPath = this.blockRange = this.blockLine = null;
     this.requestFrame();
   }
 
