@@ -142,6 +142,12 @@ impl PageServer {
         self.page_with(&[("Cookie", &cookie), ("Origin", &format!("http://{}", self.host))]).expect("it is accepted")
     }
 
+    /// Opens a WebSocket with these headers, if the server is there.
+    #[must_use]
+    pub fn try_page(&self, headers: &[(&'static str, &str)]) -> Option<Page> {
+        TcpStream::connect(&self.host).is_ok().then(|| self.page_with(headers).ok())?
+    }
+
     /// Opens a WebSocket with these headers.
     ///
     /// # Errors

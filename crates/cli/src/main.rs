@@ -7,6 +7,7 @@
 
 #[macro_use]
 mod out;
+mod page_session;
 
 mod args;
 mod canon;
@@ -73,8 +74,10 @@ use crate::command_failure::CommandFailure;
 
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
+        Command::Run(args) if args.page.serve => serve::run(args),
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
+        Command::Resume(args) if args.page.serve => serve::resume(&args),
         Command::Resume(args) => resume::run(&args),
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),

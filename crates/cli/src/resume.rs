@@ -137,7 +137,7 @@ struct ResumeStep<'a> {
 impl ResumeStep<'_> {
     fn resume_on<const A: usize>(self) -> Result<u8, CommandFailure> {
         let program = self.program()?;
-        if !self.args.operation.tui {
+        if !self.args.is_at_screen() {
             program.find_contours(&self.machine);
         }
         if planning_fingerprint()? != self.record.job.planner {
@@ -254,7 +254,7 @@ impl ResumeStep<'_> {
             return Err(other_card("the job ran on the simulated card, which is in this process").into());
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
-        let wall_time = self.args.operation.realtime || self.args.operation.tui;
+        let wall_time = self.args.operation.realtime || self.args.is_at_screen();
         let card = simulated::<A>(&self.machine, &SourceFaults::default(), run::clock(&self.machine, wall_time))?
             .with_position(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
@@ -283,7 +283,7 @@ impl ResumeStep<'_> {
         let settings = self.machine.card_settings(stands);
         let status = linked_card::read_status(&mut card, &address, settings)?;
         let named = journaled_job::linked_card(&address, &greeting.identity);
-        if !self.args.operation.tui {
+        if !self.args.is_at_screen() {
             prepare_real_time();
         }
         let card = GreetedCard::new(card, settings, status, greeting.identity.boot);
@@ -495,7 +495,7 @@ impl ResumeStep<'_> {
             };
             machining.run(card, agree).map(|(code, _)| code)
         };
-        let code = if args.operation.tui {
+        let code = if args.is_at_screen() {
             let resume = ResumingJob {
                 origin: record.job.origin,
                 is_confirmed: args.yes,

@@ -59,7 +59,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
         );
     }
     let text = files::machine_text(run.machine_file.path())?;
-    run::run_on(&run, machine, text, args.operation.tui)
+    run::run_on(&run, machine, text, args.is_at_screen())
 }
 
 /// Arguments of `retrace run` for the program of a job.
@@ -75,7 +75,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         reading.program = program.to_owned();
     }
     args::Run {
-        page: args::PageOptions::default(),
+        page: args.page.clone(),
         vcd: None,
         source: args::SimulatedSource::default(),
         dry_run: false,

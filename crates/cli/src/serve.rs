@@ -9,7 +9,7 @@ use retrace_config::NumberedError;
 use crate::args;
 use crate::command_failure::CommandFailure;
 use crate::files::unwritable;
-use crate::run;
+use crate::{resume, run};
 
 /// Path length after which the arc of the demonstration is lost, mm.
 const DEMO_FAULTS: &str = "lose@300";
@@ -32,7 +32,53 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
         args.page.programs.get_or_insert_with(|| folder.0.join("programs"));
         args.jobs.journal.get_or_insert_with(|| folder.0.join("jobs"));
     }
-    run::run(args)
+    let done = run::run(args.clone());
+    while_resuming(&args, done, || run::run(args.clone()))
+}
+
+/// Resumes a job, operated on the page. Returns its exit code.
+///
+/// # Errors
+/// Whatever prevents the job from being resumed.
+pub fn resume(args: &args::Resume) -> Result<u8, CommandFailure> {
+    let done = resume::run(args);
+    while let Some(job) = args.page.session.take_resume() {
+        resume::run(&args::Resume { job: Some(job), yes: false, ..args.clone() })?;
+    }
+    done
+}
+
+/// Resumes the jobs that the page asks for. Where one cannot be resumed, the machine is opened again, and says why.
+fn while_resuming(
+    args: &args::Run,
+    mut done: Result<u8, CommandFailure>,
+    reopen: impl Fn() -> Result<u8, CommandFailure>,
+) -> Result<u8, CommandFailure> {
+    while let Some(job) = args.page.session.take_resume() {
+        done = resume::run(&resume_args(args, job.clone()));
+        if let Err(failure) = &done {
+            let text = failure.to_string();
+            args.page.session.set_notice(format!("job {job} is not resumed: {}", text.replace('\n', " ")));
+            done = reopen();
+        }
+    }
+    done
+}
+
+fn resume_args(args: &args::Run, job: String) -> args::Resume {
+    args::Resume {
+        job: Some(job),
+        jobs: args.jobs.clone(),
+        card: Some(args.port.card.clone()),
+        yes: false,
+        program: None,
+        from_line: None,
+        assume_position: false,
+        operation: args.operation.clone(),
+        page: args.page.clone(),
+        format: args.format,
+        machine: None,
+    }
 }
 
 /// Folder of the demonstration, which is removed at its end.

@@ -19,8 +19,6 @@ pub struct ServeOptions {
     pub name: Option<String>,
     /// Folders of programs.
     pub folders: ProgramFolders,
-    /// Whether there is a key for uploads.
-    pub permits_uploads: bool,
     /// What happens to a running program when the page in control loses its link.
     pub lost_control: OnLostControl,
     /// Time of recorded motion for a count of the handwheel, s.

@@ -22,6 +22,7 @@ mod failure;
 mod guard;
 mod hello;
 mod host;
+mod identity;
 mod messages;
 mod operator_desk;
 mod path_levels;
@@ -36,5 +37,6 @@ mod socket;
 mod uploads;
 
 pub use host::{ServeHost, ServeOptions};
+pub use identity::ServeIdentity;
 pub use programs::ProgramFolders;
 pub use server::{ServeHandle, qr_code, start};

@@ -21,10 +21,11 @@ use tokio::time::MissedTickBehavior;
 use crate::assets::page_file;
 use crate::guard::{Guard, guard_requests};
 use crate::host::{ServeHost, ServeOptions};
+use crate::identity::ServeIdentity;
 use crate::operator_desk::OperatorDesk;
 use crate::requests::{self, require};
 use crate::server_state::Server;
-use crate::session::{Keys, Rights};
+use crate::session::Rights;
 use crate::socket;
 use crate::uploads::{self, MAX_UPLOAD};
 
@@ -58,8 +59,10 @@ pub fn start(
     options: ServeOptions,
     model: Arc<Mutex<ScreenModel>>,
     host: Arc<dyn ServeHost>,
+    identity: &Arc<ServeIdentity>,
 ) -> Result<ServeHandle, NumberedError> {
-    let listen = options.listen;
+    // The pages find the server again at the address that it had.
+    let listen = identity.address().unwrap_or(options.listen);
     let refused = |error: &dyn std::fmt::Display| {
         let remedy = "choose another address with --listen, for example 127.0.0.1:8282";
         NumberedError::new("E2419", format!("the page cannot be served at {listen}: {error}"), remedy)
@@ -67,7 +70,8 @@ pub fn start(
     let listener = TcpListener::bind(listen).map_err(|error| refused(&error))?;
     listener.set_nonblocking(true).map_err(|error| refused(&error))?;
     let address = listener.local_addr().map_err(|error| refused(&error))?;
-    let keys = Keys::new(options.permits_uploads).map_err(|error| refused(&error))?;
+    identity.set_address(address);
+    let keys = identity.keys();
     let shown = match (&options.name, address.ip().is_unspecified()) {
         (Some(name), _) => format!("{name}:{}", address.port()),
         (None, true) => format!("localhost:{}", address.port()),
@@ -76,7 +80,7 @@ pub fn start(
     let addresses = [&keys.operate, &keys.watch].map(|token| format!("http://{shown}/#t={token}"));
     let guard = Guard::new(address.port(), options.name.as_deref());
     let desk = OperatorDesk::new(model, host, options.folders.clone(), options.lost_control);
-    let server = Arc::new(Server::new(desk, keys.clone(), address.port(), options));
+    let server = Arc::new(Server::new(desk, identity, options));
     let ends = Arc::new(AtomicBool::new(false));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -94,7 +98,7 @@ pub fn start(
         });
     };
     let thread = std::thread::Builder::new().name("serve".into()).spawn(work).map_err(|error| refused(&error))?;
-    Ok(ServeHandle { addresses, upload: keys.upload, ends, server, thread: Some(thread), was_stuck: false })
+    Ok(ServeHandle { addresses, upload: keys.upload.clone(), ends, server, thread: Some(thread), was_stuck: false })
 }
 
 /// Publishes snapshots until the server is to end.

@@ -12,8 +12,9 @@ use tokio::sync::watch;
 
 use crate::control::Client;
 use crate::host::ServeOptions;
+use crate::identity::ServeIdentity;
 use crate::operator_desk::OperatorDesk;
-use crate::session::{Keys, Sessions};
+use crate::session::Sessions;
 
 /// Maximum number of pages at a time.
 pub(crate) const MAX_PAGES: usize = 16;
@@ -32,7 +33,7 @@ pub(crate) struct Server {
     pub(crate) receives_upload: Mutex<bool>,
     /// Number that changes with the names of the pages.
     pub(crate) names_version: AtomicU64,
-    sessions: Mutex<Sessions>,
+    identity: Arc<ServeIdentity>,
     pages: Mutex<Pages>,
     begun: Instant,
     /// Time of the last sign of life of the server's thread, ms since the beginning.
@@ -47,10 +48,10 @@ struct Pages {
 
 impl Server {
     /// State of a server at this port, without pages.
-    pub(crate) fn new(desk: OperatorDesk, keys: Keys, port: u16, options: ServeOptions) -> Self {
+    pub(crate) fn new(desk: OperatorDesk, identity: &Arc<ServeIdentity>, options: ServeOptions) -> Self {
         Self {
             desk,
-            sessions: Mutex::new(Sessions::new(keys, port)),
+            identity: Arc::clone(identity),
             news: watch::channel(0).0,
             receives_upload: Mutex::new(false),
             names_version: AtomicU64::new(0),
@@ -72,7 +73,7 @@ impl Server {
     }
 
     pub(crate) fn sessions(&self) -> MutexGuard<'_, Sessions> {
-        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
+        self.identity.sessions()
     }
 
     fn pages(&self) -> MutexGuard<'_, Pages> {

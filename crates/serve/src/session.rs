@@ -142,10 +142,14 @@ pub(crate) struct Sessions {
 }
 
 impl Sessions {
-    /// No sessions yet. Cookies ignore ports, so that the port is in the cookie's name.
-    pub(crate) fn new(keys: Keys, port: u16) -> Self {
-        let cookie = format!("retrace-{port}");
-        Self { keys, cookie, sessions: HashMap::new(), wrong: HashMap::new() }
+    /// No sessions yet.
+    pub(crate) fn new(keys: Keys) -> Self {
+        Self { keys, cookie: String::new(), sessions: HashMap::new(), wrong: HashMap::new() }
+    }
+
+    /// Names the cookie. Cookies ignore ports, so that the port is in the cookie's name.
+    pub(crate) fn set_port(&mut self, port: u16) {
+        self.cookie = format!("retrace-{port}");
     }
 
     /// Begins a session with a token. Returns its rights and the header that sets its cookie.
@@ -215,7 +219,9 @@ mod tests {
 
     fn sessions() -> (Sessions, Keys) {
         let keys = Keys::new(true).expect("random numbers");
-        (Sessions::new(keys.clone(), 8181), keys)
+        let mut sessions = Sessions::new(keys.clone());
+        sessions.set_port(8181);
+        (sessions, keys)
     }
 
     const HOME: IpAddr = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);

@@ -265,6 +265,49 @@ fn the_machine_is_set_up_from_a_page() {
     assert_eq!(server.get("/api/v1/jobs/none").status, 404);
 }
 
+/// A job that was stopped is resumed from a page: the card is opened anew, the page signs in by its cookie as before,
+/// and sees the whole summary before it says yes. A job that cannot be resumed is refused, and the machine is there.
+#[test]
+fn a_stopped_job_is_resumed_from_a_page() {
+    let bench = Bench::new();
+    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let cookie = server.sign_in(&server.token).expect("the token is right");
+    done(&page.order("cycle start"));
+    page.wait_until("30 mm", |page| page.machine_mm(0) > 30.0);
+    done(&page.order("stop"));
+    page.wait_for_word("ENDED");
+    let jobs = server.get("/api/v1/jobs").json();
+    let (id, can) = (jobs["jobs"][0]["id"].clone(), jobs["jobs"][0]["resumable"].clone());
+    assert_eq!(can, true, "{jobs}");
+    let again = |name: &str, old: &mut Page| {
+        done(&old.order(&format!("resume job {name}")));
+        let begun = Instant::now();
+        while old.receive().is_ok() {
+            assert!(begun.elapsed() < Duration::from_secs(20), "the link ends with the card");
+        }
+        let begun = Instant::now();
+        loop {
+            if let Some(page) = server.try_page(&[("Cookie", &cookie)]) {
+                break page;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(20), "the server comes back");
+        }
+    };
+    let mut page = again("20000101-000000-none", &mut page);
+    page.wait_for_log("job 20000101-000000-none is not resumed");
+    page.take_control();
+    page.wait_for_word("READY");
+    let mut page = again(id.as_str().expect("a name"), &mut page);
+    page.take_control();
+    page.wait_until("the question", |page| !page.last("state")["question"].is_null());
+    assert!(page.last("state")["question"].to_string().contains("G1 X60"), "{:#?}", page.last("state")["question"]);
+    page.listen(Duration::from_millis(300));
+    assert_eq!(page.last("live")["at_rest"], true, "nothing moves before the answer");
+    done(&page.order("yes"));
+    page.wait_for_word("ENDED");
+    page.wait_until("the end", |page| [page.machine_mm(0), page.machine_mm(1)] == [0.0, 0.0]);
+}
+
 /// The path arrives in chunks, and lines and records are found from each other.
 #[test]
 fn the_planned_path_arrives_with_its_records_and_lines() {

@@ -30,7 +30,6 @@ pub use self::doctor::Doctor;
 pub use self::machine::{Machine, MachineKind};
 pub use self::manual::{Home, Jog, ManualOptions, Mdi};
 pub use self::materials::{Materials, Units};
-pub use self::page::PageOptions;
 pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
@@ -80,6 +79,9 @@ pub enum Command {
     #[command(mut_arg("serve", |serve| serve.hide(true)), mut_arg("json", |json| json.hide(true)))]
     #[command(mut_arg("no_tui", |no_tui| no_tui.hide(true)), mut_arg("save_materials", |save| save.hide(true)))]
     #[command(mut_arg("realtime", |realtime| realtime.hide(true)))]
+    #[command(mut_arg("demo", |demo| {
+        demo.hide(false).conflicts_with_all(["program", "machine", "card", "source_faults"])
+    }))]
     Serve(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
     #[command(

@@ -2,8 +2,11 @@
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
+
+use crate::page_session::PageSession;
 
 /// Address of the page where none is given: only browsers on this computer reach it.
 const DEFAULT_ADDRESS: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8181);
@@ -31,20 +34,9 @@ pub struct PageOptions {
     #[arg(long)]
     pub upload_key: bool,
     /// Simulated plasma table with a program whose arc is lost, to try everything.
-    #[arg(long, conflicts_with_all = ["program", "machine", "card", "source_faults"])]
+    #[arg(long, hide = true)]
     pub demo: bool,
-}
-
-impl Default for PageOptions {
-    fn default() -> Self {
-        Self {
-            serve: false,
-            listen: DEFAULT_ADDRESS,
-            programs: None,
-            watch: None,
-            name: None,
-            upload_key: false,
-            demo: false,
-        }
-    }
+    /// What stays the same while cards are closed and opened again.
+    #[arg(skip)]
+    pub session: Arc<PageSession>,
 }

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::page::PageOptions;
 use super::shared::{JobsFolder, JsonLines, JsonObject, OperationOptions};
 
 /// `retrace resume`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(
     mut_arg("tui", |tui| tui.conflicts_with("json")),
     mut_arg("optional_stop", |stop| stop.help(
@@ -40,10 +41,20 @@ pub struct Resume {
     #[command(flatten)]
     pub operation: OperationOptions,
     #[command(flatten)]
+    pub page: PageOptions,
+    #[command(flatten)]
     pub format: JsonLines,
     /// Rejected: a job resumes with the machine file that it started with.
     #[arg(long, value_name = "FILE.toml", hide = true)]
     pub machine: Option<PathBuf>,
+}
+
+impl Resume {
+    /// Whether the job is operated at a screen.
+    #[must_use]
+    pub fn is_at_screen(&self) -> bool {
+        self.operation.tui || self.page.serve
+    }
 }
 
 /// `retrace jobs`

@@ -131,6 +131,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     pub(super) fn work(mut self) -> ExitState {
         self.publish_outputs();
         self.publish_homing();
+        if let Some(notice) = self.args.page.session.take_notice() {
+            self.add_message(notice);
+        }
         let active = Box::new(self.mdi_context.active());
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
         if let Some(resumed) = self.resumed.take()
@@ -163,7 +166,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 }
                 // Commands to a job that has just ended, or an answer to its question.
                 Ok(UiCommand::Job(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
-                Ok(UiCommand::ResumeJob(id)) => self.add_message(format!("resume it with `retrace resume {id} --tui`")),
+                Ok(UiCommand::ResumeJob(job)) => {
+                    self.args.page.session.request_resume(job);
+                    return self.exit_state();
+                }
                 Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.exit_state(),
                 Err(TryRecvError::Empty) => self.idle_period(),
             }

@@ -144,10 +144,11 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     }
     let (router, commands) = CommandRouter::new(Arc::clone(&model));
     let screens = Screens::of(args)?;
+    let was_announced = args.page.session.is_announced();
     let mut page = if screens.page { Some(page::start(args, machine, &router)?) } else { None };
     // A job that is resumed is operated at the terminal.
     let has_terminal_screen = screens.terminal || !screens.page;
-    if let Some(page) = &page {
+    if let Some(page) = page.as_ref().filter(|_| !was_announced) {
         let lines = page::announce(args, page, has_terminal_screen);
         if has_terminal_screen {
             lines.into_iter().for_each(|line| lock_model(&model).add_message(0.0, 0, line));

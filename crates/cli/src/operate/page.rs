@@ -61,13 +61,13 @@ pub(super) fn start(
         listen: page.listen,
         name: page.name.clone(),
         folders: ProgramFolders { programs: page.programs.clone(), watched: page.watch.clone() },
-        permits_uploads: page.upload_key,
         lost_control: machine.on_lost_control,
         seconds_per_count: 1.0 / counts_per_s,
         is_demo: page.demo,
     };
+    let identity = page.session.identity(page.upload_key)?;
     let host = PageHost { router: Arc::clone(router), journal: args.jobs.journal.clone() };
-    retrace_serve::start(options, Arc::clone(&router.model), Arc::new(host))
+    retrace_serve::start(options, Arc::clone(&router.model), Arc::new(host), &identity)
 }
 
 /// Prints how the page is opened. With the terminal screen it is shown among the messages.
