@@ -251,19 +251,15 @@ export class ActionTable {
       title: 'Shift the start of the cut',
       content: [element('p', { text: 'The next start lies one width of the kerf further in this direction.' })],
       choices: [
-        { label: 'Cancel' },
-        choice('NW', 'shift nw'),
-        choice('N', 'shift n'),
-        choice('NE', 'shift ne'),
+        ...['NW', 'N', 'NE'].map(name => choice(name, `shift ${name.toLowerCase()}`)),
         choice('W', 'shift w'),
-        choice('None', 'shift 0'),
+        choice('none', 'shift 0'),
         choice('E', 'shift e'),
-        choice('SW', 'shift sw'),
-        choice('S', 'shift s'),
-        choice('SE', 'shift se'),
+        ...['SW', 'S', 'SE'].map(name => choice(name, `shift ${name.toLowerCase()}`)),
         { label: 'X, Y …', run: () => this.enterShift() },
         choice('Lead in by an arc', 'lead arc'),
         choice('Lead in straight', 'lead line'),
+        { label: 'Cancel', isSafe: true },
       ],
     });
   }

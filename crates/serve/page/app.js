@@ -30,6 +30,7 @@ import { Tabs } from './tabs.js';
 import { ToolPanel } from './tool_panel.js';
 import { ZeroPanel } from './zero_panel.js';
 import { element } from './element.js';
+import { openActionDialog } from './action_dialog.js';
 import { followSignIn } from './sign_in.js';
 import { onSettingChange } from './settings.js';
 import { setDialogPlace } from './dialog.js';
@@ -105,6 +106,7 @@ const machineDialogs = new MachineDialogs(store, orders, actions);
 const controlDialog = new ControlDialog(store, orders, connection);
 new StateLine(place('state-line'), store, actions, {
   openAlarm: () => machineDialogs.reopen(),
+  openActions: () => openActionDialog(store, actions),
   openControl: () => controlDialog.open(),
 });
 const positionTable = new PositionTable(place('position'), store, { openZero: openTab(sideTabs, 'zero') });

@@ -40,7 +40,7 @@ export function closeDialog(key) {
 }
 
 /**
- * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, run, main, danger, off}`.
+ * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, help, run, main, danger, off}`.
  * One that is not modal leaves the parts of the page around it free.
  * The first choice that is neither main nor dangerous gets the focus, so that Enter changes nothing by accident.
  */
@@ -57,6 +57,7 @@ export function openDialog({ key, title, content = [], choices, level = 'plain',
       },
       { class: choice.danger ? 'danger' : choice.main ? 'main' : null, 'aria-disabled': choice.off ? 'true' : null },
     );
+    if (choice.help) node.append(element('small', { text: choice.help }));
     return node;
   });
   const heading = element('h2', { id: 'dialog-title', text: title });
@@ -82,8 +83,11 @@ export function openDialog({ key, title, content = [], choices, level = 'plain',
   place.classList.add('open');
   place.classList.toggle('free', !isModal);
   current = { key, node, isModal, returnFocus, onClose };
-  const safe = buttons.find((_, index) => !choices[index].main && !choices[index].danger) ?? buttons[0];
-  (focus ?? safe)?.focus();
+  const safe =
+    buttons.find((_, index) => choices[index].isSafe) ??
+    buttons.find((_, index) => !choices[index].main && !choices[index].danger) ??
+    buttons[0];
+  (focus ?? safe)?.focus({ preventScroll: true });
   return node;
 }
 

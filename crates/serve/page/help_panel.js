@@ -1,8 +1,8 @@
-// Help: what the page shows, and all actions with their keys, those that are possible now first.
+// Help: what the page shows, and all actions with their keys; those that are possible now stand out.
 //
 // Invariant: keys and texts are those of the server's key table.
 
-import { button, element, isOff, setChildren, setOff } from './element.js';
+import { element, setChildren } from './element.js';
 import { changeSetting, setting } from './settings.js';
 import { openDialog } from './dialog.js';
 
@@ -45,29 +45,24 @@ export class HelpPanel {
 
   build() {
     this.rows = this.store.hello.actions.map(action => {
-      const act = button(action.label, () => {
-        if (!isOff(act)) this.actions.perform(action.id);
-      });
       const keys = action.keys.map(key => element('kbd', { text: key === ' ' ? 'Space' : key }));
-      return {
-        id: action.id,
-        act,
-        node: element(
-          'div',
-          { class: 'help-row' },
-          element('span', { class: 'keys' }, ...keys),
-          act,
-          element('span', { text: action.help }),
-        ),
-      };
+      const node = element(
+        'div',
+        { class: 'help-row' },
+        element('span', { class: 'keys' }, ...keys),
+        element('b', { text: action.label }),
+        element('span', { text: action.help }),
+      );
+      return { id: action.id, node };
     });
     setChildren(this.list, ...this.rows.map(row => row.node));
     this.showState();
   }
 
+  /** Marks what is possible now. */
   showState() {
     if (this.node.offsetParent === null) return;
-    for (const { id, act } of this.rows ?? []) setOff(act, !this.actions.isPossible(id));
+    for (const { id, node } of this.rows ?? []) node.classList.toggle('is-off', !this.actions.isPossible(id));
   }
 
   /** Says once what HOLD is not, and how to retrace. */

@@ -5,6 +5,7 @@
 
 import { closeDialog, openDialog, openDialogKey } from './dialog.js';
 import { element } from './element.js';
+import { openActionDialog } from './action_dialog.js';
 
 const KEYS = ['alarm', 'question', 'outputs-differ'];
 
@@ -48,10 +49,11 @@ export class MachineDialogs {
     if (!isOnlyButtons && !isDragging) this.open(reason.key);
   }
 
-  /** Opens the dialog again, if there is a reason. */
+  /** Opens the dialog again, or, where there is none, all that the machine can do now. */
   reopen() {
     const reason = this.reason();
     if (reason) this.open(reason.key);
+    else openActionDialog(this.store, this.actions);
   }
 
   open(key) {

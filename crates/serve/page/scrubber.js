@@ -4,7 +4,7 @@
 // machine stands still; the ghost stays between the oldest and the furthest place.
 
 import { element, isOff, setOff, setText } from './element.js';
-import { formatDuration, formatLength } from './units.js';
+import { formatDuration, formatLength, formatStep } from './units.js';
 import { lengthBetween, scaleMarks } from './scrubber_scale.js';
 import { sign } from './signs.js';
 
@@ -30,7 +30,13 @@ export class Scrubber {
     this.scale.append(...this.marks);
     this.placeText = element('span');
     this.historyText = element('span');
-    const text = element('p', { class: 'track-text' }, this.placeText, this.historyText);
+    this.timeText = element('span', { class: 'only-wide' });
+    const text = element(
+      'p',
+      { class: 'track-text' },
+      this.placeText,
+      element('span', {}, this.historyText, this.timeText),
+    );
     this.track = element(
       'div',
       { class: 'track', role: 'slider', tabindex: '0', 'aria-label': 'Place on the path' },
@@ -236,14 +242,14 @@ export class Scrubber {
     const back = isGhost
       ? lengthBetween(this.pathView.chunks.lengthTable(), live, this.ghostRecord, live.reached)
       : live.back_mm;
-    const history = `history ${formatLength(live.history_mm, 0)}, ${formatDuration(live.history_s)}`;
     const text = isGhost
       ? `to ${formatLength(back)} back`
       : live.back_mm > 0.05
         ? `${formatLength(back)} back`
         : 'furthest place';
     setText(this.placeText, text);
-    setText(this.historyText, history);
+    setText(this.historyText, `history ${formatLength(live.history_mm, 0)}`);
+    setText(this.timeText, `, ${formatDuration(live.history_s)}`);
     this.track.setAttribute('aria-valuemin', String(Math.round(live.oldest)));
     this.track.setAttribute('aria-valuemax', String(Math.round(live.reached)));
     this.track.setAttribute('aria-valuenow', String(Math.round(live.record)));
@@ -264,7 +270,7 @@ export class Scrubber {
       if (node.hidden) return;
       free = x;
       node.style.left = `${((x / width) * 100).toFixed(2)}%`;
-      setText(node, formatLength(entry.mm, entry.mm < 1 ? 1 : 0));
+      setText(node, formatStep(Number(entry.mm.toFixed(3))));
     });
   }
 }

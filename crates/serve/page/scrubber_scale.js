@@ -2,7 +2,10 @@
 //
 // Invariant: both directions grow; where the path is not loaded, lengths follow the history's mean.
 
-const STEPS_MM = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000];
+import { unitMm } from './units.js';
+
+/** Steps of the scale, in the chosen unit. */
+const STEPS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000];
 
 function search(values, value) {
   let low = 0,
@@ -35,7 +38,8 @@ export function lengthBetween(table, live, from, to) {
 export function scaleMarks(table, live, maxMarks) {
   const total = lengthBetween(table, live, live.oldest, live.reached);
   if (!(total > 0)) return [];
-  const step = STEPS_MM.find(mm => total / mm <= maxMarks) ?? total / maxMarks;
+  const steps = STEPS.map(length => length * unitMm());
+  const step = steps.find(mm => total / mm <= maxMarks) ?? total / maxMarks;
   const marks = [];
   const end = table ? interpolate(table.records, table.lengths, live.reached) : 0;
   for (let mm = step; mm <= total; mm += step) {

@@ -31,9 +31,12 @@ const PLACED = new Set([
 ]);
 const MAX_SUGGESTIONS = 2;
 
-/** The line at the top. `openAlarm` shows the alarm or question again; `openControl` the choices of control. */
+/**
+ * The line at the top. `openAlarm` shows the alarm or question again, `openActions` all that is possible,
+ * `openControl` the choices of control.
+ */
 export class StateLine {
-  constructor(place, store, actions, { openAlarm, openControl }) {
+  constructor(place, store, actions, { openAlarm, openActions, openControl }) {
     Object.assign(this, { place, store, actions });
     this.word = element('span');
     this.sign = element('span', { class: 'state-sign' });
@@ -41,9 +44,14 @@ export class StateLine {
     this.chip.replaceChildren(this.sign, this.word);
     this.why = element('p', { id: 'state-why', role: 'status', 'aria-live': 'polite' });
     this.next = element('div', { id: 'state-next' });
+    this.more = element(
+      'button',
+      { type: 'button', class: 'icon', 'aria-label': 'All that is possible now', on: { click: openActions } },
+      sign('more'),
+    );
     this.control = button('', openControl, { id: 'control-button' });
     this.tag = element('span', { id: 'state-tag', title: 'The machine is simulated', text: 'DEMO', hidden: true });
-    place.append(this.chip, this.why, this.tag, this.next, this.control);
+    place.append(this.chip, this.why, this.tag, this.next, this.more, this.control);
     store.on('hello', hello => {
       this.tag.hidden = !hello.is_demo;
     });

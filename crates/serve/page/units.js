@@ -42,6 +42,11 @@ export function formatFeed(mmPerMin) {
   return isInch() ? digits(mmPerMin / MM_PER_INCH, 1) : digits(mmPerMin, 0);
 }
 
+/** Length of the chosen unit in mm. */
+export function unitMm() {
+  return isInch() ? MM_PER_INCH : 1;
+}
+
 /** Name of the unit of feed. */
 export function feedUnit() {
   return isInch() ? 'in/min' : 'mm/min';
