@@ -183,28 +183,19 @@ export class PathChunks {
   /** Segments between two records in the finest loaded chunks: `{chunk, from, count}` with `from` as a vertex. */
   spans([first, last]) {
     for (const level of [...this.levels].reverse()) {
+      if (!isWholeBetween(level.chunks, first, last)) continue;
       const spans = [];
-      let isWhole = true;
       for (const chunk of level.chunks) {
-        if (chunk.mesh) {
-          const [low, high] = recordsOf(chunk);
-          if (high < first || low > last) continue;
-          const start = Math.max(vertexAt(chunk, first) - 1, chunk.hasJoint ? 0 : 1);
-          const end = Math.min(vertexAt(chunk, last), chunk.count);
-          if (end > start) spans.push({ chunk, from: start, count: end - start });
-        } else if (level.level > 0) isWhole = isWhole && !this.mayHold(level, chunk, first, last);
+        if (!chunk.mesh) continue;
+        const [low, high] = recordsOf(chunk);
+        if (high < first || low > last) continue;
+        const start = Math.max(vertexAt(chunk, first) - 1, chunk.hasJoint ? 0 : 1);
+        const end = Math.min(vertexAt(chunk, last), chunk.count);
+        if (end > start) spans.push({ chunk, from: start, count: end - start });
       }
-      if (spans.length > 0 && isWhole) return spans;
+      if (spans.length > 0) return spans;
     }
     return [];
-  }
-
-  /** Whether a chunk that is not loaded may have records of this range. */
-  mayHold(level, chunk, first, last) {
-    const before = level.chunks[chunk.index - 1],
-      after = level.chunks[chunk.index + 1];
-    if (before?.mesh && recordsOf(before)[1] > last) return false;
-    return !(after?.mesh && recordsOf(after)[0] < first);
   }
 
   /** Length of the path from its beginning to each vertex of the coarsest level, or null while it is not loaded. */
@@ -233,6 +224,22 @@ export class PathChunks {
 
 function recordsOf({ words, count }) {
   return [words[7] & RECORD_MASK, words[count * 4 + 3] & RECORD_MASK];
+}
+
+/** Whether all chunks with records of a range are loaded. Records grow from chunk to chunk. */
+function isWholeBetween(chunks, first, last) {
+  let high = Infinity;
+  for (const chunk of [...chunks].reverse()) {
+    if (!chunk.mesh) {
+      // It lies before `high`; it has none of the range if a loaded chunk before it reaches the end of the range.
+      if (high <= first) continue;
+      const before = chunks.slice(0, chunk.index).findLast(each => each.mesh);
+      if (!before || recordsOf(before)[1] < last) return false;
+    } else {
+      high = recordsOf(chunk)[0];
+    }
+  }
+  return true;
 }
 
 function chunkWith(chunks, record) {
