@@ -31,7 +31,7 @@ export class OrderSender {
     if (!this.connection.hold()) {
       this.notices.refuse({
         cause: 'HOLD could not be sent: there is no link.',
-        remedy: 'It is tried for ten seconds. Use the emergency stop of the machine if it must stand now.',
+        remedy: 'It is tried for ten seconds. Use the switch of the machine if it must stand now.',
       });
     }
   }
