@@ -40,7 +40,8 @@ export class MachineDialogs {
       if (KEYS.includes(openDialogKey())) closeDialog();
       return;
     }
-    const identity = `${reason.identity} ${this.store.isHolder} ${this.actions.isPossible('clear-alarm')}`;
+    const may = [this.store.isHolder, this.store.control?.holder === null, this.actions.isPossible('clear-alarm')];
+    const identity = `${reason.identity} ${may.join(' ')}`;
     if (identity === this.shown || (always && !KEYS.includes(openDialogKey()))) return;
     const isOnlyButtons = this.shown.startsWith(reason.identity) && openDialogKey() !== reason.key;
     this.shown = identity;
@@ -76,10 +77,18 @@ export class MachineDialogs {
       content: [element('p', { class: 'cause', text: alarm.cause }), element('p', { text: alarm.remedy })],
       choices: [
         { label: 'Hide' },
+        ...this.takeChoices(),
         { label: 'Log', run: () => this.actions.perform('messages') },
         this.choice('clear-alarm', alarm.is_refusal ? 'Close' : 'Reset', { main: true }),
       ],
     });
+  }
+
+  /** Takes control from inside a dialog, where it is free: a list of one choice or none. */
+  takeChoices() {
+    const { isHolder, control, hello } = this.store;
+    if (isHolder || !control || control.holder || hello?.rights !== 'operate') return [];
+    return [{ label: 'Take control', main: true, keepsOpen: true, run: () => this.orders.control('take') }];
   }
 
   openQuestion() {
@@ -87,10 +96,11 @@ export class MachineDialogs {
     openDialog({
       key: 'question',
       level: 'waiting',
-      title: question.title,
-      content: [element('ul', { class: 'question-lines' }, ...question.lines.map(text => element('li', { text })))],
+      title: question.title.charAt(0).toUpperCase() + question.title.slice(1),
+      content: [questionContent(question.lines)],
       choices: [
         { label: 'Hide' },
+        ...this.takeChoices(),
         { label: 'No', run: () => this.orders.send('no'), off: !this.store.isHolder },
         { label: 'Yes', main: true, run: () => this.orders.send('yes'), off: !this.store.isHolder },
       ],
@@ -144,4 +154,16 @@ export class MachineDialogs {
       ],
     });
   }
+}
+
+/** Lines of a question: those that begin with a name and two spaces as a table, otherwise a list. */
+function questionContent(lines) {
+  const rows = lines.map(text => /^(\S+)\s{2,}(.*)$/.exec(text));
+  if (!rows.every(Boolean)) {
+    return element('ul', { class: 'question-lines' }, ...lines.map(text => element('li', { text })));
+  }
+  const cells = rows.map(([, name, text]) =>
+    element('tr', {}, element('th', { scope: 'row', text: name }), element('td', { text })),
+  );
+  return element('table', { class: 'details' }, element('tbody', {}, ...cells));
 }
