@@ -48,6 +48,7 @@ mod mdi;
 mod motion_sink;
 mod operator;
 mod overrides;
+mod path_profile;
 mod plan_item;
 mod plan_writer;
 mod planned_path;
@@ -95,6 +96,7 @@ pub use operator::{
     parse_operator_command, parse_script, rate_percent,
 };
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
+pub use path_profile::PathProfile;
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};
 pub use plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 pub use planned_path::{PathKind, PathVertex, PlannedPath};

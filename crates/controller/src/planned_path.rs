@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 use retrace_config::MachineConfig;
 use retrace_core::{Flags, Record};
 
+use crate::path_profile::PathProfile;
+
 /// Largest deviation of the full path from the positions of the records, µm.
 const TOLERANCE_UM: f64 = 2.0;
 
@@ -45,6 +47,7 @@ pub struct PlannedPath {
     /// First record of each run of records of one line, with the line.
     lines: Vec<(u32, u32)>,
     records: u32,
+    profile: PathProfile,
 }
 
 impl PlannedPath {
@@ -58,6 +61,12 @@ impl PlannedPath {
     #[must_use]
     pub fn records(&self) -> u32 {
         self.records
+    }
+
+    /// Speed along the path over time.
+    #[must_use]
+    pub fn profile(&self) -> &PathProfile {
+        &self.profile
     }
 
     /// Least and greatest position in X, Y and Z, µm; all 0 for an empty path.
@@ -252,9 +261,13 @@ impl PathRecorder {
             self.cutting.pop_front();
             self.is_cutting = is_cutting;
         }
+        let mut squared_um = 0.0;
         for (count, axis) in self.counts.iter_mut().zip(self.space) {
-            *count += axis.map_or(0, |(index, _)| i64::from(record.increments[index]));
+            let Some((index, um)) = axis else { continue };
+            *count += i64::from(record.increments[index]);
+            squared_um += (f64::from(record.increments[index]) * um).powi(2);
         }
+        self.path.profile.push(squared_um.sqrt() / 1000.0);
         self.path.records = self.path.records.saturating_add(1);
         let kind = match (record.flags.contains(Flags::RAPID), self.is_cutting) {
             (true, _) => PathKind::Rapid,
@@ -323,7 +336,7 @@ mod tests {
                     vertices.push(vertex(at, vertices.len() as u32));
                 }
             }
-            let path = PlannedPath { records: vertices.len() as u32 - 1, vertices, lines: vec![(0, 1)] };
+            let path = PlannedPath { records: vertices.len() as u32 - 1, vertices, lines: vec![(0, 1)], ..PlannedPath::default() };
             let kept = path.thinned(tolerance_um);
             prop_assert_eq!(kept[0], 0);
             prop_assert_eq!(kept.last().copied(), Some(path.vertices.len() as u32 - 1));
@@ -342,13 +355,14 @@ mod tests {
     #[test]
     fn a_long_straight_line_is_two_vertices() {
         let vertices: Vec<_> = (0..10_000).map(|n| vertex([n * 7, n * 3, -n], n as u32)).collect();
-        let path = PlannedPath { records: 9_999, vertices, lines: vec![(0, 1)] };
+        let path = PlannedPath { records: 9_999, vertices, lines: vec![(0, 1)], ..PlannedPath::default() };
         assert_eq!(path.thinned(2.0), [0, 9_999]);
     }
 
     #[test]
     fn lines_and_records_are_found_from_each_other() {
-        let path = PlannedPath { vertices: Vec::new(), lines: vec![(0, 2), (10, 5), (30, 2)], records: 40 };
+        let lines = vec![(0, 2), (10, 5), (30, 2)];
+        let path = PlannedPath { lines, records: 40, ..PlannedPath::default() };
         assert_eq!(
             [0, 9, 10, 29, 30, 39, 40].map(|n| path.line_of(n)),
             [Some(2), Some(2), Some(5), Some(5), Some(2), Some(2), None]

@@ -38,6 +38,4 @@ pub trait ServeHost: Send + Sync {
     /// # Errors
     /// Why it cannot be shown.
     fn job(&self, id: &str) -> Result<Value, NumberedError>;
-    /// Velocity, acceleration and jerk of the loaded program over time.
-    fn profile(&self) -> Option<Value>;
 }

@@ -140,14 +140,34 @@ pub(crate) async fn get_tools(State(server): Shared) -> Json<Value> {
 }
 
 pub(crate) async fn get_profile(State(server): Shared) -> Response {
-    let profile = tokio::task::spawn_blocking(move || server.desk.host().profile()).await;
-    match profile {
-        Ok(Some(profile)) => Json(profile).into_response(),
-        _ => {
-            let error = NumberedError::new("E2407", "no program has been checked", "load a program");
-            failure(StatusCode::NOT_FOUND, &error)
-        }
-    }
+    let facts = Arc::clone(&server.desk.model().facts);
+    let Some(path) = &facts.planned_path else {
+        let error = NumberedError::new("E2407", "no program has been checked", "load a program");
+        return failure(StatusCode::NOT_FOUND, &error);
+    };
+    let profile = path.profile();
+    let interval_s = f64::from(profile.interval_periods()) * facts.period_s;
+    // Each value is in the middle of its interval, and rounded, so that the answer is short.
+    let velocity: Vec<f64> = profile.lengths_mm().iter().map(|&mm| f64::from(mm) / interval_s).collect();
+    let acceleration = slopes(&velocity, interval_s);
+    let jerk = slopes(&acceleration, interval_s);
+    let times: Vec<f64> = (0..velocity.len()).map(|n| (n as f64 + 0.5) * interval_s).collect();
+    let short = |values: Vec<f64>| values.into_iter().map(|value| (value * 1e3).round() / 1e3).collect::<Vec<_>>();
+    Json(json!({
+        "t_s": short(times),
+        "velocity_mm_s": short(velocity),
+        "acceleration_mm_s2": short(acceleration),
+        "jerk_mm_s3": short(jerk),
+    }))
+    .into_response()
+}
+
+/// Slope at each value, from the ones around it; 0 at the ends.
+fn slopes(values: &[f64], interval_s: f64) -> Vec<f64> {
+    let inner = values.windows(3).map(|three| (three[2] - three[0]) / (2.0 * interval_s));
+    let mut slopes: Vec<f64> = std::iter::once(0.0).chain(inner).chain(std::iter::once(0.0)).collect();
+    slopes.resize(values.len(), 0.0);
+    slopes
 }
 
 pub(crate) async fn get_jobs(State(server): Shared) -> Response {

@@ -312,7 +312,7 @@ fn a_stopped_job_is_resumed_from_a_page() {
 #[test]
 fn the_planned_path_arrives_with_its_records_and_lines() {
     let bench = Bench::new();
-    let (_server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = in_control(&bench, LINES, &[]);
     page.wait_until("the path", |page| !page.last("path").is_null());
     let path = page.last("path").clone();
     assert_eq!(path["bounds_mm"], json!([[0.0, 0.0, 0.0], [60.0, 5.0, 0.0]]));
@@ -328,6 +328,16 @@ fn the_planned_path_arrives_with_its_records_and_lines() {
     page.send(&json!({"t": "where", "id": 2, "path": path["path"], "record": (from + to) / 2}));
     page.wait_until("the line", |page| page.last("where")["id"] == 2);
     assert_eq!(page.last("where")["line"], 4);
+    let profile = server.get("/api/v1/profile").json();
+    let figures = |name: &str| -> Vec<f64> {
+        profile[name].as_array().expect("a list").iter().map(|figure| figure.as_f64().expect("a figure")).collect()
+    };
+    let speeds = figures("velocity_mm_s");
+    let fastest = speeds.iter().copied().fold(0.0, f64::max);
+    assert!((49.0..=50.5).contains(&fastest), "F3000 is 50 mm/s: {fastest}");
+    let length_mm: f64 = speeds.iter().sum::<f64>() * 0.016;
+    assert!((length_mm - 130.0).abs() < 0.5, "{length_mm}");
+    assert!(figures("acceleration_mm_s2").iter().all(|value| value.abs() <= 1_050.0));
     // The records of the plan are those of the run.
     done(&page.order("cycle start"));
     page.wait_for_word("ENDED");

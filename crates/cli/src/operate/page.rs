@@ -33,10 +33,6 @@ impl ServeHost for PageHost {
     fn job(&self, id: &str) -> Result<Value, NumberedError> {
         jobs::shown(self.journal.as_deref(), id)
     }
-
-    fn profile(&self) -> Option<Value> {
-        None
-    }
 }
 
 /// Starts the server of the page, and prints its address.
