@@ -336,7 +336,8 @@ mod tests {
                     vertices.push(vertex(at, vertices.len() as u32));
                 }
             }
-            let path = PlannedPath { records: vertices.len() as u32 - 1, vertices, lines: vec![(0, 1)], ..PlannedPath::default() };
+            let records = vertices.len() as u32 - 1;
+            let path = PlannedPath { records, vertices, lines: vec![(0, 1)], ..PlannedPath::default() };
             let kept = path.thinned(tolerance_um);
             prop_assert_eq!(kept[0], 0);
             prop_assert_eq!(kept.last().copied(), Some(path.vertices.len() as u32 - 1));
