@@ -54,7 +54,12 @@ const PAGE_ACTIONS = new Set([
   'jog',
 ]);
 
-/** Actions that go on the keyboard and on suggestion buttons. */
+/** Name of the method of an action: `performBackBy` for `back-by`. */
+function methodName(id) {
+  return `perform${id.replace(/(^|-)([a-z])/g, (_, dash, letter) => letter.toUpperCase())}`;
+}
+
+/** Actions of the keyboard, of the suggestions and of the dialogs. */
 export class ActionTable {
   constructor(store, orders) {
     Object.assign(this, { store, orders });
@@ -100,7 +105,7 @@ export class ActionTable {
     if (!this.isPossible(id)) return false;
     if (this.page[id]) this.page[id]();
     else if (ORDERS[id]) this.orders.send(ORDERS[id]);
-    else this[`perform_${id.replaceAll('-', '_')}`]?.();
+    else this[methodName(id)]?.();
     return true;
   }
 
@@ -114,10 +119,10 @@ export class ActionTable {
     this.orders.send(`${mode} ${RETRACE_PERCENTS[index]}%`);
   }
 
-  perform_reverse() {
+  performReverse() {
     this.retrace('reverse');
   }
-  perform_forward() {
+  performForward() {
     this.retrace('forward');
   }
 
@@ -134,10 +139,10 @@ export class ActionTable {
     this.orders.send(`override ${percent}%`);
   }
 
-  perform_faster() {
+  performFaster() {
     this.changeOverride(10);
   }
-  perform_slower() {
+  performSlower() {
     this.changeOverride(-10);
   }
 
@@ -149,30 +154,30 @@ export class ActionTable {
     this.orders.send(`rapid override ${next}%`);
   }
 
-  perform_rapid_override() {
+  performRapidOverride() {
     const shown = Math.round(this.store.state.rapid_override * 100);
     this.orders.send(`rapid override ${RAPID_PERCENTS.find(percent => percent < shown) ?? 100}%`);
   }
 
-  perform_agree() {
+  performAgree() {
     this.orders.send(this.store.state.question ? 'yes' : 'agree');
   }
-  perform_decline() {
+  performDecline() {
     this.orders.send('no');
   }
-  perform_spindle() {
+  performSpindle() {
     this.orders.send(this.store.state.pause?.stopped ? 'spindle start' : 'spindle stop');
   }
 
-  perform_optional_stop() {
+  performOptionalStop() {
     this.orders.send(`optional stop ${this.store.state.optional_stop ? 'off' : 'on'}`);
   }
 
-  perform_dry_run() {
+  performDryRun() {
     this.orders.send(`dry run ${this.store.state.dry_run ? 'off' : 'on'}`);
   }
 
-  perform_set_up() {
+  performSetUp() {
     confirm({
       title: 'Release the job and set up?',
       text: 'Reverse run over this job ends with it.',
@@ -181,7 +186,7 @@ export class ActionTable {
     });
   }
 
-  perform_test_pulse() {
+  performTestPulse() {
     confirm({
       title: 'Fire a test pulse?',
       text: 'The cutter comes on at this place, at rest.',
@@ -190,7 +195,7 @@ export class ActionTable {
     });
   }
 
-  perform_skip_contour() {
+  performSkipContour() {
     confirm({
       title: 'Skip the rest of this contour?',
       text: 'It is passed with the cutter off.',
@@ -199,7 +204,7 @@ export class ActionTable {
     });
   }
 
-  perform_quit() {
+  performQuit() {
     confirm({
       title: 'Stop the job?',
       text: 'The machine brakes on the path. The job can be resumed later.',
@@ -208,7 +213,7 @@ export class ActionTable {
     });
   }
 
-  perform_cut_from_here() {
+  performCutFromHere() {
     const choice = (label, words, extra = {}) => ({ label, run: () => this.orders.send(words), ...extra });
     openDialog({
       key: 'cut',
@@ -230,7 +235,7 @@ export class ActionTable {
     });
   }
 
-  perform_back_by() {
+  performBackBy() {
     prompt({
       title: 'Back along the path',
       text: `Length in ${lengthUnit()}, or a contour: c3`,
@@ -244,7 +249,7 @@ export class ActionTable {
     });
   }
 
-  perform_shift() {
+  performShift() {
     const choice = (label, words) => ({ label, run: () => this.orders.send(words) });
     openDialog({
       key: 'shift',
@@ -279,7 +284,7 @@ export class ActionTable {
     });
   }
 
-  perform_tool_length() {
+  performToolLength() {
     prompt({
       title: 'Length of the new tool',
       text: `In ${lengthUnit()}: the length, or a difference with + or \u2212`,
@@ -292,7 +297,7 @@ export class ActionTable {
     });
   }
 
-  perform_output() {
+  performOutput() {
     this.page.outputs?.();
   }
 

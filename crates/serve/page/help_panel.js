@@ -65,7 +65,7 @@ export class HelpPanel {
     for (const { id, node } of this.rows ?? []) node.classList.toggle('is-off', !this.actions.isPossible(id));
   }
 
-  /** Says once what HOLD is not, and how to retrace. */
+  /** Shows once how to retrace, and what HOLD and STOP are not. */
   welcome() {
     if (setting('wasWelcomed')) return;
     const texts = this.store.hello.is_demo ? [DEMO_TEXT, ...FIRST_TEXTS] : FIRST_TEXTS;

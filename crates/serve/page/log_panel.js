@@ -46,7 +46,7 @@ export class LogPanel {
       this.list.node,
       this.opened,
     );
-    store.on('log', log => this.take(log));
+    store.on('log', log => this.applyLog(log));
   }
 
   onShow() {
@@ -58,7 +58,7 @@ export class LogPanel {
     this.list.reveal(Math.max(this.messages.length - 1, 0), true);
   }
 
-  take({ first = 0, messages }) {
+  applyLog({ first = 0, messages }) {
     // Older messages that were fetched before stay in front of the retained ones.
     const older = this.first === undefined || this.first >= first ? [] : this.messages.slice(0, first - this.first);
     this.first = older.length > 0 ? this.first : first;

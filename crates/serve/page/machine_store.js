@@ -1,4 +1,4 @@
-// Holds the newest of everything the server reports, and tells the parts of the page what changed.
+// Holds the newest of everything the server reports, and notifies the parts of the page of changes.
 //
 // Invariant: only messages of the server change it; no part of the page writes a state that it expects.
 
@@ -25,7 +25,7 @@ export class MachineStore {
     for (const listener of this.listeners.get(topic) ?? []) listener(this[topic]);
   }
 
-  /** Takes a message of the server. */
+  /** Applies a message of the server. */
   apply(message) {
     if (!TOPICS.includes(message.t)) return;
     this[message.t] = message;

@@ -61,8 +61,8 @@ export class OrderSender {
   }
 
   /** Sends `take`, `give`, `keep` or `release`. */
-  control(deed) {
-    this.connection.send({ t: 'control', do: deed });
+  control(request) {
+    this.connection.send({ t: 'control', do: request });
   }
 
   /** Asks which line made a record, or which records a line made. Resolves with the answer or null. */

@@ -1,4 +1,4 @@
-// Keeps the chunks of the path that are on the graphics card, and says which are missing in the picture.
+// Keeps the chunks of the path that are on the graphics card, and lists those that are missing in the picture.
 //
 // Invariant: never more than MAX_VERTICES vertices. The coarsest level stays, of the others the chunks that were not
 // drawn for longest go first.
@@ -24,7 +24,7 @@ export class PathChunks {
     this.lengths = null;
   }
 
-  /** Takes the description of a path. Chunks of the same path that are still right are kept. */
+  /** Applies the description of a path. Chunks of the same path that are still right are kept. */
   setPath(message) {
     const kept = new Map();
     if (this.path?.path === message.path) {
@@ -61,7 +61,7 @@ export class PathChunks {
     for (const level of this.levels) for (const chunk of level.chunks) this.join(level, chunk);
   }
 
-  /** Takes a binary message. Returns whether it belongs to this path. */
+  /** Adds the chunk of a binary message. Returns whether it belongs to this path. */
   accept(message, now) {
     const decoded = decodeChunk(message);
     const level = decoded && decoded.path === this.path?.path ? this.levels[decoded.level] : null;

@@ -100,10 +100,10 @@ export class Scrubber {
       },
       { passive: false },
     );
-    track.addEventListener('keydown', event => this.key_down(event));
+    track.addEventListener('keydown', event => this.onKeyDown(event));
   }
 
-  key_down(event) {
+  onKeyDown(event) {
     const counts = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
     if (counts === undefined || event.ctrlKey || event.altKey || event.metaKey || event.shiftKey) return;
     event.preventDefault();

@@ -32,7 +32,7 @@ export class VirtualList {
         { passive: true },
       );
     }
-    this.node.addEventListener('keydown', event => this.key_down(event, onFreeScroll));
+    this.node.addEventListener('keydown', event => this.onKeyDown(event, onFreeScroll));
     let last = { index: -1, at: -Infinity };
     this.window.addEventListener('click', event => {
       const row = event.target.closest('[data-index]');
@@ -47,7 +47,7 @@ export class VirtualList {
     new ResizeObserver(() => this.render(true)).observe(this.node);
   }
 
-  key_down(event, onFreeScroll) {
+  onKeyDown(event, onFreeScroll) {
     const step = {
       ArrowUp: -1,
       ArrowDown: 1,
