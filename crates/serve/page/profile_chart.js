@@ -52,6 +52,13 @@ export class ProfileChart {
     this.showAll();
   }
 
+  /** Marks the time of the place under the tool. */
+  setToolTime(time) {
+    if (time === this.toolTime) return;
+    this.toolTime = time;
+    this.draw();
+  }
+
   plotWidth() {
     return Math.max(this.place.clientWidth - LEFT - 8, 1);
   }
@@ -139,7 +146,7 @@ export class ProfileChart {
     context.fillStyle = colour('--dim');
     context.textAlign = 'right';
     context.lineWidth = 1;
-    const step = tickStep(high - low, Math.max(Math.floor(height / 34), 2));
+    const step = tickStep(high - low, Math.max(Math.floor(height / 26), 3));
     for (let value = Math.ceil(low / step) * step; value <= high + 1e-9; value += step) {
       context.beginPath();
       context.moveTo(LEFT, y(value));
@@ -180,6 +187,15 @@ export class ProfileChart {
     }
     flush();
     context.stroke();
+    if (this.toolTime !== undefined) {
+      context.strokeStyle = colour('--dim');
+      context.setLineDash([4, 3]);
+      context.beginPath();
+      context.moveTo(this.toX(this.toolTime), top + 16);
+      context.lineTo(this.toX(this.toolTime), top + height);
+      context.stroke();
+      context.setLineDash([]);
+    }
     if (this.pointed !== null) {
       context.strokeStyle = colour('--ink');
       context.beginPath();

@@ -5,6 +5,8 @@
 import { button, element, setText } from './element.js';
 import { formatDuration } from './units.js';
 
+const MARK_MS = 250;
+
 /** Profile. */
 export class ProfilePanel {
   constructor(store, connection, notices) {
@@ -26,9 +28,18 @@ export class ProfilePanel {
       ),
       this.place,
     );
+    store.on('live', live => this.showTool(live));
     store.on('state', state => {
       if (state.program.path !== this.shownPath && this.node.offsetParent) this.refresh();
     });
+  }
+
+  /** Marks the place under the tool, four times a second. */
+  showTool(live) {
+    const now = performance.now();
+    if (!this.chart || now - (this.markedAt ?? -Infinity) < MARK_MS || this.node.offsetParent === null) return;
+    this.markedAt = now;
+    this.chart.setToolTime(live.record * this.store.hello.machine.period_s);
   }
 
   onShow() {
