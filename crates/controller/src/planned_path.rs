@@ -5,6 +5,7 @@
 //! retraced or to come is a comparison of numbers.
 
 use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 use retrace_config::MachineConfig;
 use retrace_core::{Flags, Record};
@@ -13,6 +14,9 @@ use crate::path_profile::PathProfile;
 
 /// Largest deviation of the full path from the positions of the records, µm.
 const TOLERANCE_UM: f64 = 2.0;
+
+/// Time after which the first part of a long path is shown.
+const FIRST_PART: Duration = Duration::from_millis(200);
 
 /// Maximum number of vertices; a longer path is thinned to a larger tolerance, so that its memory is bounded.
 const MAX_VERTICES: usize = 8_000_000;
@@ -41,7 +45,7 @@ pub struct PathVertex {
 }
 
 /// The planned path of a program.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlannedPath {
     vertices: Vec<PathVertex>,
     /// First record of each run of records of one line, with the line.
@@ -214,6 +218,9 @@ pub(crate) struct PathRecorder {
     /// Whether a cutter is on, with the line from whose records on that applies.
     cutting: VecDeque<(u32, bool)>,
     is_cutting: bool,
+    begun: Instant,
+    /// Time after the beginning at which a part of the path is shown next.
+    next_part: Duration,
 }
 
 impl PathRecorder {
@@ -234,6 +241,8 @@ impl PathRecorder {
             pending: None,
             cutting: VecDeque::new(),
             is_cutting: machine.cutting_outputs.is_empty(),
+            begun: Instant::now(),
+            next_part: FIRST_PART,
         };
         recorder.push(PathVertex { at_um: recorder.at_um(), record: 0, kind: PathKind::Rapid });
         recorder
@@ -293,6 +302,19 @@ impl PathRecorder {
         let kept = self.path.thinned(tolerance_um);
         self.path.vertices = kept.into_iter().map(|index| self.path.vertices[index as usize]).collect();
         self.thinning.tolerance_um = tolerance_um;
+    }
+
+    /// The path as far as it is planned, if this is the time to show it: after a moment, and then at times that
+    /// double, so that showing it takes a bounded share of the time.
+    pub(crate) fn part_to_show(&mut self) -> Option<PlannedPath> {
+        if self.begun.elapsed() < self.next_part {
+            return None;
+        }
+        self.next_part = self.begun.elapsed() * 2;
+        let last = self.path.vertices.last().map(|vertex| vertex.record);
+        let mut part = self.path.clone();
+        part.vertices.extend(self.pending.filter(|vertex| last != Some(vertex.record)));
+        Some(part)
     }
 
     /// Ends the path.

@@ -341,19 +341,21 @@ pub fn analyse_program<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
 ) -> Result<Analysed<'m, A>, LimitError> {
-    analyse(machine, program, ProgramAnalysis::new(machine)?)
+    analyse(machine, program, ProgramAnalysis::new(machine)?, &mut drop)
 }
 
-/// Analyses a whole program and records its path. Returns the analysis and the path.
+/// Analyses a whole program and records its path. Returns the analysis and the path. `show_part` is given the path as
+/// far as it is planned, now and then, where the analysis takes long.
 ///
 /// # Errors
 /// Limits that the planner does not accept.
 pub fn analyse_path<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
+    mut show_part: impl FnMut(PlannedPath),
 ) -> Result<(ProgramAnalysis<'m, A>, PlannedPath), LimitError> {
     let analysis = ProgramAnalysis { path: Some(PathRecorder::new(machine)), ..ProgramAnalysis::new(machine)? };
-    let (_, _, mut analysis) = analyse(machine, program, analysis)?;
+    let (_, _, mut analysis) = analyse(machine, program, analysis, &mut show_part)?;
     let path = analysis.path.take().map(PathRecorder::finish).unwrap_or_default();
     Ok((analysis, path))
 }
@@ -365,11 +367,15 @@ fn analyse<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
     mut survey: ProgramAnalysis<'m, A>,
+    show_part: &mut dyn FnMut(PlannedPath),
 ) -> Result<Analysed<'m, A>, LimitError> {
     let (blocks, mut findings) = job::feed_each(machine, program, &mut survey, |track, program, survey| {
         survey.assign_offset(track.work_offset());
         survey.scan.contours.set_material(track.material());
         survey.scan.contours.locate(|| program.location());
+        if let Some(part) = survey.path.as_mut().and_then(PathRecorder::part_to_show) {
+            show_part(part);
+        }
     });
     survey.rest();
     findings.extend(survey.scan.beyond.iter().map(LimitFinding::finding));

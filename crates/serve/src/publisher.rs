@@ -1,8 +1,10 @@
 //! Publisher: takes snapshots of the screen model and gives them to all pages.
 //!
 //! Invariant: the lock of the model is held for one snapshot at a time, and only where the model has changed; pages
-//! receive the newest snapshot and never wait for one another.
+//! receive the newest snapshot and never wait for one another. The levels of a path are made in a thread of their own,
+//! so that no hold and no beat of a jog waits for them.
 
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex};
 
 use retrace_controller::PlannedPath;
@@ -49,6 +51,10 @@ pub(crate) struct Publisher {
     /// States that matter for starting motion, the newest last, with their numbers.
     seen: Vec<(u32, SeenState)>,
     path: Option<Arc<PathLevels>>,
+    /// The planned path that `path` shows, or will show.
+    planned: Option<Arc<PlannedPath>>,
+    /// The levels that are being made.
+    making: Option<Receiver<Arc<PathLevels>>>,
     paths: u32,
     snapshot: Option<Snapshot>,
 }
@@ -67,6 +73,8 @@ impl Publisher {
             log: None,
             seen: Vec::new(),
             path: None,
+            planned: None,
+            making: None,
             paths: 0,
             snapshot: None,
         }
@@ -76,7 +84,7 @@ impl Publisher {
     pub(crate) fn poll(&mut self) -> Option<Snapshot> {
         let (state, live, log, seen, planned, flags) = {
             let model = lock_model(&self.model);
-            if self.changes == Some(model.changes) {
+            if self.changes == Some(model.changes) && self.making.is_none() {
                 return None;
             }
             self.changes = Some(model.changes);
@@ -140,19 +148,43 @@ impl Publisher {
         n
     }
 
-    /// Levels of the planned path, which are made once.
+    /// Levels of the planned path. Those of the path before are shown until the new ones are made.
     fn path_of(&mut self, planned: Option<Arc<PlannedPath>>) -> Option<Arc<PathLevels>> {
-        let Some(planned) = planned else {
-            self.path = None;
-            return None;
-        };
-        if let Some(path) = &self.path
-            && Arc::ptr_eq(&path.path, &planned)
-        {
-            return Some(Arc::clone(path));
+        match self.making.as_ref().map(Receiver::try_recv) {
+            Some(Ok(levels)) => (self.path, self.making) = (Some(levels), None),
+            Some(Err(TryRecvError::Disconnected)) => self.making = None,
+            Some(Err(TryRecvError::Empty)) => return self.path.clone(),
+            None => {}
         }
-        self.paths += 1;
-        self.path = Some(Arc::new(PathLevels::new(self.paths, planned)));
+        let is_same = match (&planned, &self.planned) {
+            (Some(new), Some(old)) => Arc::ptr_eq(new, old),
+            (new, old) => new.is_none() && old.is_none(),
+        };
+        if !is_same {
+            self.planned.clone_from(&planned);
+            match planned {
+                Some(planned) => self.make_levels(planned),
+                None => self.path = None,
+            }
+        }
         self.path.clone()
+    }
+
+    /// Begins to make the levels of a path. Where it is the one that is shown, that keeps its number.
+    fn make_levels(&mut self, planned: Arc<PlannedPath>) {
+        let (sender, receiver) = channel();
+        self.paths += 1;
+        let (number, shown) = (self.paths, self.path.clone());
+        let make = move || {
+            let levels = match shown {
+                Some(shown) if *shown.path == *planned => shown,
+                _ => Arc::new(PathLevels::new(number, planned)),
+            };
+            // A server that has ended needs no path.
+            let _ = sender.send(levels);
+        };
+        if std::thread::Builder::new().name("path levels".into()).spawn(make).is_ok() {
+            self.making = Some(receiver);
+        }
     }
 }

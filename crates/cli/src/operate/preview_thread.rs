@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_controller::{BlockDecoder, DecodedBlock, analyse_path};
+use retrace_controller::{BlockDecoder, DecodedBlock, PlannedPath, analyse_path};
 use retrace_gcode::{CanonStep, Setup};
 use retrace_tui::{
     Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, ToolFacts, diagnostic_lines, lock_model,
@@ -170,7 +170,14 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     let cancellable = |decoder| CancellableDecoder { decoder, number };
     let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
-    let analysed = analyse_path::<A>(&machine, &mut cancellable(program.decoder()));
+    let show_part = |part: PlannedPath| {
+        // A path that is shown stays until all of the new one is known, unless it is a shorter part of it.
+        publish(model, number, |facts| match &facts.planned_path {
+            Some(shown) if shown.records() >= part.records() => facts,
+            _ => ProgramFacts { planned_path: Some(Arc::new(part)), ..facts },
+        });
+    };
+    let analysed = analyse_path::<A>(&machine, &mut cancellable(program.decoder()), show_part);
     let (planned, path) = analysed.map_or((Planned::Unknown, None), |(analysis, path)| {
         (Planned::Known(analysis.motion_periods as f64 * machine.period_s()), Some(Arc::new(path)))
     });
