@@ -329,13 +329,16 @@ fn cutter(model: &ScreenModel) -> Option<CutterView> {
     let is_active = |fire: u8| state(fire).is_some_and(|(state, _)| state.name() != "off");
     let cutters = &model.facts.cutters;
     let shown = cutters.iter().find(|cutter| is_active(cutter.fire)).or(cutters.first())?;
+    let state_name = state(shown.fire).map_or("off", |(state, _)| state.name());
+    // The reason of the last time says nothing while it is on.
+    let is_off = !matches!(state_name, "igniting" | "piercing" | "cutting" | "ending" | "test");
     let contour = model.contours.current().map(|(number, _)| number);
     Some(CutterView {
         name: shown.name.clone(),
-        state: state(shown.fire).map_or("off", |(state, _)| state.name()),
+        state: state_name,
         contour: contour.or(model.contours.last()),
         contours: model.facts.contours.as_ref().map(|list| list.count),
-        off_reason: model.cutter_off_reasons.get(&shown.fire).copied(),
+        off_reason: model.cutter_off_reasons.get(&shown.fire).copied().filter(|_| is_off),
     })
 }
 

@@ -107,6 +107,20 @@ fn a_lost_arc_is_recovered_with_one_word() {
     assert!(text("lose@20").contains("torch off: E3024"));
 }
 
+/// Where M3 lights a torch, a pause has no spindle to stop and to start: on line, and cycle start. The torch is lit by
+/// `recover` only.
+#[test]
+fn a_pause_in_a_cut_needs_no_steps_of_a_spindle() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    let script = "at 2s pause\nafter 2s jog z 5\nafter 2s jog z -5\nafter 2s online\nafter 1s cycle start\n\
+                  after 3s recover\n";
+    let (run, trace) = run("", script, &[]);
+    assert!(!run.output.out.contains("rejected"), "{}", run.output.out);
+    assert_ends_as(&run, &whole);
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good() && verdict.ignitions == 3, "{verdict:?}");
+}
+
 /// Each change of the cutter is told, as the pins show it; the arc is lost once.
 #[test]
 fn every_change_of_the_cutters_state_is_an_event() {

@@ -116,12 +116,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Executes a step.
-    fn perform_step(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+    pub(super) fn perform_step(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
         match command {
             OperatorCommand::Jog { axis, mm } => return self.jog(axis, mm),
             OperatorCommand::ToolLength(length) => return self.propose_tool_length(length),
             OperatorCommand::Park => return self.move_to_park(),
             OperatorCommand::ChangeDone => return self.finish_change(),
+            OperatorCommand::Online if self.spindle_is_a_cutter() => self.arm_cutter(),
             _ => {}
         }
         let (before, event) = (self.dnc.interruption, self.dnc.event_of(command));

@@ -54,6 +54,18 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.begin_manual_move(JogRequest::Approach { from, to }, ManualMovePurpose::Park)
     }
 
+    /// Performs the steps of the spindle that are left where the spindle is a cutter: it is off in a pause anyway, so
+    /// that nobody has to stop and start it.
+    pub(super) fn arm_cutter(&mut self) {
+        use OperatorCommand::{Online, SpindleStart, SpindleStop};
+        let left: [&[OperatorCommand]; 2] = [&[SpindleStart, Online], &[SpindleStop, SpindleStart, Online]];
+        let missing = left.into_iter().find(|steps| self.dnc.are_in_order(steps));
+        for &step in missing.iter().flat_map(|steps| steps.iter()).filter(|&&step| step != Online) {
+            // The order was checked; a step that is refused all the same leaves `online` to be refused.
+            let _ = self.perform_step(step);
+        }
+    }
+
     /// Requests the steps that are left of the return to the breakpoint. A spindle that is stopped is started; a cutter
     /// is only armed.
     pub(super) fn finish_change(&mut self) -> Result<(), CommandError> {
