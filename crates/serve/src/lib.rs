@@ -29,6 +29,8 @@ mod path_levels;
 mod programs;
 mod publisher;
 mod requests;
+#[cfg(test)]
+mod schemas;
 mod server;
 mod server_state;
 mod session;

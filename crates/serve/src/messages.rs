@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 /// A message of a page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(tag = "t", rename_all = "snake_case", deny_unknown_fields)]
 pub(crate) enum PageMessage {
     /// Feed hold, and the end of a jog.
@@ -98,6 +99,7 @@ impl PageMessage {
 
 /// What a page does with control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ControlAction {
     /// Takes it, or asks for it.

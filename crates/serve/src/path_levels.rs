@@ -37,7 +37,8 @@ struct Level {
 }
 
 #[derive(Serialize)]
-struct PathView {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(crate) struct PathView {
     t: &'static str,
     path: u32,
     origin_mm: [f64; 3],
@@ -48,6 +49,7 @@ struct PathView {
 }
 
 #[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct LevelView {
     level: usize,
     tolerance_mm: f64,
@@ -56,6 +58,7 @@ struct LevelView {
 }
 
 #[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct ChunkView {
     first: usize,
     count: usize,

@@ -17,6 +17,7 @@ const MAX_FINDINGS: usize = 100;
 
 /// The machine's state, whole.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct StateView {
     t: &'static str,
     /// Number of the state that matters for starting motion.
@@ -57,6 +58,7 @@ pub(crate) struct StateView {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct ProgramView {
     name: String,
     lines: usize,
@@ -67,6 +69,7 @@ struct ProgramView {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct OutputView {
     channel: u8,
     value: i32,
@@ -74,6 +77,7 @@ struct OutputView {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct DifferingOutputView {
     channel: u8,
     value: i32,
@@ -81,6 +85,7 @@ struct DifferingOutputView {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct CutterView {
     name: String,
     state: &'static str,
@@ -90,6 +95,7 @@ struct CutterView {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct AlarmView {
     number: String,
     cause: String,
@@ -98,12 +104,14 @@ struct AlarmView {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct QuestionView {
     title: String,
     lines: Vec<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct PauseView {
     stopped: bool,
     started: bool,
@@ -112,6 +120,7 @@ struct PauseView {
 
 /// The live figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct LiveView {
     t: &'static str,
     mm: Vec<f64>,
@@ -135,12 +144,14 @@ pub(crate) struct LiveView {
 
 /// The messages.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct LogView {
     t: &'static str,
     messages: Vec<MessageView>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct MessageView {
     time_s: f64,
     line: u32,
