@@ -220,6 +220,8 @@ const PERMIT: &str = "crates/card/src/permit.rs";
 const PLAYER: &str = "crates/card/src/player.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 const CARD: &str = "crates/card/src/card.rs";
+#[cfg(not(any(kani, verify_wasm)))]
+const HEIGHT: &str = "crates/card/src/player/height.rs";
 
 /// The rows of this module.
 #[cfg(not(any(kani, verify_wasm)))]
@@ -228,7 +230,8 @@ pub const ROWS: &[Row] = &[Row {
     says: "No state and no sequence of commands has a cutting output on without the permit: epoch open, no alarm, \
         host alive, no dry run, not backward, not at rest for longer than handover and grace, not lost; and where the \
         grace ran out, the cutter was lost, or no sheet was found nothing moves before a restart; path and layer are \
-        what is emitted, and the path rests while the layer moves",
+        what is emitted, and the path rests while the layer moves, except to heights that are passed with the cutter \
+        on",
     requirement: "CUT-3, CUT-4, CUT-6, CUT-8, CUT-15, CUT-31",
     bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels \
         and their outputs, drawn commands on a whole card",
@@ -336,14 +339,21 @@ pub const ROWS: &[Row] = &[Row {
         },
         Mutant {
             name: "the path moves with the layer",
-            file: PLAYER,
-            find: "self.switching.is_busy() || !self.layer.at_rest();",
-            put: "self.switching.is_busy();",
+            file: HEIGHT,
+            find: "!self.layer.at_rest() && !self.layer.is_beside()",
+            put: "false",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "the layer goes on with the cutter off",
+            file: HEIGHT,
+            find: "self.layer.is_beside() && is_lit)",
+            put: "self.layer.is_beside())",
             killer: "permit-card",
         },
         Mutant {
             name: "a layer that is not kept is forgotten",
-            file: "crates/card/src/player/height.rs",
+            file: HEIGHT,
             find: "*count += i64::from(layer);",
             put: "*count += 0;",
             killer: "permit-card",
@@ -357,7 +367,7 @@ pub const ROWS: &[Row] = &[Row {
         },
         Mutant {
             name: "a sheet that is not found does not block motion",
-            file: "crates/card/src/player/height.rs",
+            file: HEIGHT,
             find: "self.block = MotionBlock::CutterOff;",
             put: "self.block = MotionBlock::None;",
             killer: "permit-card",

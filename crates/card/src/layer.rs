@@ -104,6 +104,8 @@ pub struct LayerDrive {
     /// Whether the sheet counts for later starts: nothing has happened since it was found.
     is_sheet_kept: bool,
     is_held: bool,
+    /// Whether it moves beside the path, and not in an instruction.
+    is_beside: bool,
 }
 
 impl LayerDrive {
@@ -136,6 +138,7 @@ impl LayerDrive {
             sheet: None,
             is_sheet_kept: false,
             is_held: false,
+            is_beside: false,
         }
     }
 
@@ -197,6 +200,7 @@ impl LayerDrive {
     /// Begins the moves before the switching. Returns whether there are any.
     pub fn begin_before(&mut self, moves: Option<LayerMove>) -> bool {
         let Some(LayerMove::Start { start, lowest, pierce, may_skip, ohmic, .. }) = moves else { return false };
+        self.is_beside = false;
         match self.sheet.filter(|_| may_skip && self.is_sheet_kept) {
             Some(sheet) => self.task = LayerTask::Return { target: sheet.saturating_add(pierce) },
             None => {
@@ -226,8 +230,21 @@ impl LayerDrive {
                 layer
             }
         };
-        self.task = LayerTask::Move { target };
+        (self.task, self.is_beside) = (LayerTask::Move { target }, false);
         true
+    }
+
+    /// Begins a move beside the path to this height over the sheet; none where no sheet is known.
+    pub const fn begin_beside(&mut self, height: i32) {
+        if let Some(sheet) = self.sheet {
+            (self.task, self.is_beside) = (LayerTask::Move { target: sheet.saturating_add(height) }, true);
+        }
+    }
+
+    /// Whether it moves beside the path, comes to rest from such a move, or has made it last.
+    #[must_use]
+    pub const fn is_beside(&self) -> bool {
+        self.is_beside
     }
 
     /// Brings the layer to rest wherever it is.

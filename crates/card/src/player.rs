@@ -9,7 +9,7 @@ use retrace_core::limits::RateLimits;
 use retrace_core::playback::{emission, feed_share_between};
 use retrace_core::{Distance, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
-    Alarm, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand, Instruction, OutputAction,
+    Alarm, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand, Instruction, MAX_LAYER, OutputAction,
     OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
 };
 
@@ -292,7 +292,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     }
 
     fn accept_action(&mut self, action: OutputAction) -> Result<(), CommandRefusal> {
-        if !self.outputs.has_channel(action.channel) {
+        let moves_layer = action.channel == channel::HEIGHT && self.layer.axis().is_some();
+        if !(moves_layer && action.after.unsigned_abs() <= MAX_LAYER || self.outputs.has_channel(action.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
         self.actions.insert(action, self.window.low(), self.window.high())
@@ -428,7 +429,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let waits = self.unblocked_target() != Rate::ZERO && !self.has_record_under_cursor();
         // Also for an instruction without duration: the host sends the following records only after it is reported as
         // executed.
-        let stays = instruction_begins || self.switching.is_busy() || !self.layer.at_rest();
+        let stays = instruction_begins || self.switching.is_busy() || self.layer_holds_path();
         let wanted = if stays || waits { Rate::ZERO } else { self.unblocked_target() };
         // The path comes to rest, and cutting outputs are switched off, before it runs backward.
         let turns = wanted < Rate::ZERO && self.permit.is_lit_forward_only(self.outputs.values());
@@ -545,7 +546,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             for action in self.actions.passed_forward(from, to) {
                 let first_time = !action.place.is_before(reached);
                 let lights = action.after != 0 && self.permit.fires(action.channel);
-                if first_time && lights && self.block == MotionBlock::CutterOff {
+                if action.channel == channel::HEIGHT {
+                    if first_time && self.permit.is_lit(self.outputs.values()) {
+                        self.layer.begin_beside(action.after);
+                    }
+                } else if first_time && lights && self.block == MotionBlock::CutterOff {
                     // The machine brakes without its cutter: the restart lights it.
                 } else if first_time {
                     self.outputs.set(OutputChange { channel: action.channel, value: action.after });

@@ -21,6 +21,10 @@ pub mod channel {
     pub const UNWATCHED: u8 = 69;
     /// Number of channels.
     pub const COUNT: usize = 70;
+    /// No output: the `after` of an action with this channel is the height over the sheet, in pulses, to which the
+    /// layer moves beside the path from there on (CUT-13). It counts where the action is passed for the first time and
+    /// a cutter is on.
+    pub const HEIGHT: u8 = 70;
 }
 
 /// The values of all output channels.

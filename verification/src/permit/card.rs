@@ -20,6 +20,8 @@ const FULL: i32 = 1_000;
 const GRACE: u16 = 4;
 const HANDOVER: u16 = 6;
 const WATCHDOG: u16 = 30;
+/// Periods that the layer needs to come to rest: its ramp, its average, and the period of the order.
+const BRAKING: u32 = 4 + 16 + 1;
 const STOP: u16 = 1;
 const BREAKAWAY: u16 = 2;
 const FLOAT: u16 = 4;
@@ -49,12 +51,16 @@ struct Observer {
     pulse: Option<u32>,
     /// Places of actions that light the torch.
     actions: Vec<RecordIndex>,
+    /// Places of heights, and periods in which the layer may move beside the path: some more after the torch is off.
+    heights: Vec<RecordIndex>,
+    beside: u32,
     lit: u64,
     put_out: u64,
     /// Number of periods with power in motion.
     powered: u64,
-    /// Number of periods in which the layer moved, and of sheets that were not found.
+    /// Number of periods in which the layer moved, in which it did beside the path, and of sheets that were not found.
     layer_moves: u64,
+    beside_moves: u64,
     not_found: u64,
 }
 
@@ -105,10 +111,13 @@ impl Observer {
             keeps: false,
             pulse: None,
             actions: Vec::new(),
+            heights: Vec::new(),
+            beside: 0,
             lit: 0,
             put_out: 0,
             powered: 0,
             layer_moves: 0,
+            beside_moves: 0,
             not_found: 0,
         };
         observer.open();
@@ -142,6 +151,8 @@ impl Observer {
             (self.stood, self.asked, self.pending, self.blocked, self.keeps) = (0, false, None, false, false);
             self.pulse = None;
             self.actions.clear();
+            self.heights.clear();
+            self.beside = 0;
             assert_eq!(self.torch(), 0, "lit behind an opening");
             assert_eq!(self.position(), position, "an opening moves nothing");
             let _ = self.card.accept(HostCommand::ManualOutput(OutputChange { channel: channel::SPEED, value: FULL }));
@@ -162,7 +173,12 @@ impl Observer {
         let mut changes = [OutputChange::default(); 4];
         changes[0] = OutputChange { channel: TORCH, value };
         let rates = [Rate::ONE, Rate::ONE, -Rate::ONE, Rate::ZERO, Rate::ONE / 3, -Rate::ONE / 5];
+        let is_over_sheet = self.torch() != 0 && status.layer != 0;
         let command = match draw.below(12) {
+            _ if is_over_sheet && draw.below(3) == 0 => {
+                let (place, after) = (status.place.record + draw.below(4), draw.below(400) as i32 - 100);
+                HostCommand::Action(OutputAction { place, channel: channel::HEIGHT, before: 0, after })
+            }
             0..=2 => HostCommand::rate(rates[draw.below(rates.len() as u32) as usize]),
             3 => {
                 let (number, place) = (status.executed.wrapping_add(1), status.place.record + draw.below(8));
@@ -197,7 +213,9 @@ impl Observer {
                 for _ in 0..draw.below(30) {
                     let place = self.status().high;
                     let flags = if place.number() % 16 == 15 { Flags::REST } else { Flags::NONE };
-                    let record = Record { increments: [3], flags, feed_share: FeedShare::FEED, ..Record::default() };
+                    // Where the path moves the axis of the layer, the layer rests beside it.
+                    let increments = [if place.number() % 32 < 6 { 3 } else { 0 }];
+                    let record = Record { increments, flags, feed_share: FeedShare::FEED, ..Record::default() };
                     let _ = self.card.accept(HostCommand::Ahead { place, record });
                 }
                 return;
@@ -217,6 +235,7 @@ impl Observer {
                 self.pending = Some(instruction.number).filter(|&number| number != self.status().executed);
             }
             HostCommand::Repeat(_) | HostCommand::ManualOutput(_) if value != 0 => self.asked = true,
+            HostCommand::Action(action) if action.channel == channel::HEIGHT => self.heights.push(action.place),
             HostCommand::Action(action) if value != 0 => self.actions.push(action.place),
             HostCommand::Restart { .. } => self.blocked = false,
             _ => {}
@@ -239,9 +258,17 @@ impl Observer {
         self.silent += 1;
         let now = self.status();
         assert_eq!(self.position(), position + i64::from(self.card.pulses()[0]), "path and layer are what is emitted");
-        assert!(now.layer == before.layer || now.rate == Rate::ZERO, "the layer moves with the path");
-        self.layer_moves += u64::from(now.layer != before.layer);
         let (was, is) = (before.outputs[usize::from(TORCH)] != 0, now.outputs[usize::from(TORCH)] != 0);
+        let moves = now.layer != before.layer;
+        assert!(!moves || now.rate == Rate::ZERO || self.beside > 0, "the layer moves with the path");
+        self.layer_moves += u64::from(moves);
+        self.beside_moves += u64::from(moves && now.rate != Rate::ZERO);
+        if !is {
+            self.beside = self.beside.saturating_sub(1);
+        }
+        if (was || is) && passes_first(&self.heights, &before, now.place) {
+            self.beside = BRAKING;
+        }
         assert!(now.rate >= Rate::ZERO || !was && !is, "lit in reverse, or in the period before it");
         assert!(!(self.blocked && before.at_rest && now.rate != Rate::ZERO), "motion with the cutter out");
         if let Some(off) = now.cutter_off {
@@ -258,7 +285,7 @@ impl Observer {
             assert!(levels & BREAKAWAY == 0, "lit in a collision");
             assert!(now.alarm.is_none() && self.silent < u32::from(WATCHDOG), "lit under an alarm or without a host");
             assert!(
-                was || self.asked || self.pending.is_some() || self.passes_first(&before, now.place),
+                was || self.asked || self.pending.is_some() || passes_first(&self.actions, &before, now.place),
                 "lit by nothing"
             );
         }
@@ -270,15 +297,16 @@ impl Observer {
         self.asked &= !is;
         self.pending = self.pending.filter(|&number| number != now.executed && now.alarm.is_none());
     }
+}
 
-    fn passes_first(&self, before: &CardStatus<1>, to: Place) -> bool {
-        self.actions.iter().any(|&place| {
-            let at = Place::start_of(place);
-            !place.is_before(before.reached)
-                && before.place.distance_to(at) >= Distance::ZERO
-                && at.distance_to(to) > Distance::ZERO
-        })
-    }
+/// Whether one of these places is passed for the first time.
+fn passes_first(places: &[RecordIndex], before: &CardStatus<1>, to: Place) -> bool {
+    places.iter().any(|&place| {
+        let at = Place::start_of(place);
+        !place.is_before(before.reached)
+            && before.place.distance_to(at) >= Distance::ZERO
+            && at.distance_to(to) > Distance::ZERO
+    })
 }
 
 /// Runs of drawn commands, openings, closings, stops and silences.
@@ -286,6 +314,7 @@ pub(super) fn drawn_words(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let runs = if size.full { 30_000 } else { 3_000 };
     let (mut periods, mut lit, mut put_out, mut layer_moves, mut not_found, mut powered) = (0u64, 0, 0, 0, 0, 0);
+    let mut beside_moves = 0;
     for _ in 0..runs {
         let mut observer = Observer::new();
         for _ in 0..60 {
@@ -309,13 +338,18 @@ pub(super) fn drawn_words(size: Size) -> String {
         put_out += observer.put_out;
         powered += observer.powered;
         layer_moves += observer.layer_moves;
+        beside_moves += observer.beside_moves;
         not_found += observer.not_found;
     }
     assert!(
         layer_moves > periods / 50 && not_found > runs / 40,
         "the layer moved in {layer_moves}, {not_found} missed"
     );
+    assert!(beside_moves > periods / 2500, "the layer moved beside the path in {beside_moves}");
     assert!(powered > periods / 100, "the beam had power in motion in {powered} periods");
     assert!(lit > periods / 50 && put_out > runs / 4, "the torch was lit in {lit} periods and put out {put_out} times");
-    format!("{runs} runs, {periods} periods, lit in {lit}, put out {put_out} times; the layer moved in {layer_moves}")
+    format!(
+        "{runs} runs, {periods} periods, lit in {lit}, put out {put_out} times; the layer moved in {layer_moves}, \
+         beside the path in {beside_moves}"
+    )
 }

@@ -15,11 +15,11 @@ use retrace_link::{
     OutputChange, PathStart, RepeatedInstruction, channel,
 };
 
-const TORCH: u8 = channel::SPINDLE;
+pub(crate) const TORCH: u8 = channel::SPINDLE;
 /// The input of the float switch.
-const FLOAT: u16 = PLAIN;
+pub(crate) const FLOAT: u16 = PLAIN;
 /// The tool axis.
-const Z: usize = 1;
+pub(crate) const Z: usize = 1;
 const PULSE: u64 = 1 << 32;
 
 /// The ohmic contact, where a test uses it.
@@ -28,7 +28,7 @@ const OHMIC: u16 = 1 << 2;
 const SETTINGS: LayerSettings =
     LayerSettings { axis: Z as u8, contacts: FLOAT, probe_speed: 4 << 16, latch_speed: 1 << 14 };
 
-fn layer_settings(epoch: u16) -> CardSettings<2> {
+pub(crate) fn layer_settings(epoch: u16) -> CardSettings<2> {
     let mut settings = settings(epoch, 0);
     let torch =
         CuttingChannel { channel: TORCH, fires: true, standing_periods: 50, lit_in_reverse: false, proof: None };
@@ -39,27 +39,27 @@ fn layer_settings(epoch: u16) -> CardSettings<2> {
 }
 
 /// A card whose tool axis stands over a sheet.
-struct Table {
-    card: TestCard,
+pub(crate) struct Table {
+    pub(crate) card: TestCard,
     /// Position of the tool axis where the float switch closes; `None` without a sheet.
     sheet: Option<i64>,
     /// Position where the ohmic contact closes, if it does.
     tip: Option<i64>,
-    position: i64,
-    levels: u16,
-    is_silent: bool,
+    pub(crate) position: i64,
+    pub(crate) levels: u16,
+    pub(crate) is_silent: bool,
     /// Increments of the tool axis.
-    increments: Vec<i64>,
+    pub(crate) increments: Vec<i64>,
     /// Positions at which the torch was on.
     lit_at: Vec<i64>,
 }
 
 impl Table {
-    fn new(sheet: Option<i64>) -> Self {
+    pub(crate) fn new(sheet: Option<i64>) -> Self {
         Self::with(sheet, &layer_settings(1))
     }
 
-    fn with(sheet: Option<i64>, settings: &CardSettings<2>) -> Self {
+    pub(crate) fn with(sheet: Option<i64>, settings: &CardSettings<2>) -> Self {
         let mut card = TestCard::new(identity()).expect("a memory");
         card.open(settings).expect("fit");
         let (increments, lit_at) = (Vec::new(), Vec::new());
@@ -72,15 +72,15 @@ impl Table {
         table
     }
 
-    fn status(&self) -> CardStatus<2> {
+    pub(crate) fn status(&self) -> CardStatus<2> {
         *self.card.status()
     }
 
-    fn send(&mut self, command: HostCommand<2>) {
+    pub(crate) fn send(&mut self, command: HostCommand<2>) {
         self.card.accept(command).expect("it is accepted");
     }
 
-    fn period(&mut self) -> CardStatus<2> {
+    pub(crate) fn period(&mut self) -> CardStatus<2> {
         if !self.is_silent {
             self.card.keep_alive();
         }
@@ -98,7 +98,7 @@ impl Table {
         status
     }
 
-    fn periods(&mut self, count: u32) -> CardStatus<2> {
+    pub(crate) fn periods(&mut self, count: u32) -> CardStatus<2> {
         (0..count).for_each(|_| {
             self.period();
         });
@@ -106,7 +106,7 @@ impl Table {
     }
 
     /// Runs until the instruction of this number is complete.
-    fn until_executed(&mut self, number: u32) {
+    pub(crate) fn until_executed(&mut self, number: u32) {
         for _ in 0..20_000 {
             if self.period().executed == number {
                 return;
@@ -115,12 +115,12 @@ impl Table {
         panic!("not executed: {:?}", self.status());
     }
 
-    fn instruct(&mut self, number: u32, torch: Option<i32>, layer: LayerMove) {
+    pub(crate) fn instruct(&mut self, number: u32, torch: Option<i32>, layer: LayerMove) {
         self.send(HostCommand::Instruction(instruction(number, torch, layer)));
     }
 
     /// Asserts that acceleration and jerk of the tool axis are within the limits of the settings.
-    fn assert_limits(&self) {
+    pub(crate) fn assert_limits(&self) {
         let slopes = |values: &[i64]| values.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<i64>>();
         // Rounding of an increment to whole pulses: one pulse at either end.
         let accelerations = slopes(&self.increments);
@@ -136,14 +136,14 @@ fn switching(torch: Option<i32>) -> ([OutputChange; MAX_CHANGES], u8) {
     (changes, u8::from(torch.is_some()))
 }
 
-fn instruction(number: u32, torch: Option<i32>, layer: LayerMove) -> Instruction {
+pub(crate) fn instruction(number: u32, torch: Option<i32>, layer: LayerMove) -> Instruction {
     let (changes, count) = switching(torch);
     let periods = if torch == Some(1) { 30 } else { 0 };
     Instruction { number, changes, count, periods, keeps_cutter: true, layer: Some(layer), ..Instruction::default() }
 }
 
 const NO_OHMIC: OhmicSensing = OhmicSensing { inputs: 0, tries: 0, drop: 0 };
-const START: LayerMove =
+pub(crate) const START: LayerMove =
     LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45, may_skip: false, ohmic: NO_OHMIC };
 
 /// The torch is lit at the pierce height over the sheet that was found, the feed begins at the height of the cut, and

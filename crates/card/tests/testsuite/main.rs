@@ -7,6 +7,7 @@ mod common;
 mod cutter_proof;
 mod epochs;
 mod layer;
+mod layer_beside;
 mod order;
 mod permit;
 mod permit_phases;

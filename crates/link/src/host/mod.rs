@@ -382,7 +382,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
                 }
                 return Ok(());
             }
-            HostCommand::Action(action) if usize::from(action.channel) >= channel::COUNT => {
+            HostCommand::Action(action) if action.channel > channel::HEIGHT => {
                 return Err(CommandRefusal::NoSuchChannel);
             }
             HostCommand::ManualOutput(change) if usize::from(change.channel) >= channel::COUNT => {

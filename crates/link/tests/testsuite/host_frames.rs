@@ -547,7 +547,7 @@ fn channels_that_do_not_exist_are_refused() {
     let mut repeated = RepeatedInstruction { number: 1, count: 2, ..RepeatedInstruction::default() };
     repeated.changes[1] = change(channel::COUNT);
     for command in [
-        HostCommand::Action(action(channel::COUNT)),
+        HostCommand::Action(action(usize::from(channel::HEIGHT) + 1)),
         HostCommand::ManualOutput(change(channel::COUNT)),
         HostCommand::Repeat(repeated),
     ] {
@@ -556,6 +556,7 @@ fn channels_that_do_not_exist_are_refused() {
     repeated.changes[1] = change(channel::COUNT - 1);
     for command in [
         HostCommand::Action(action(channel::COUNT - 1)),
+        HostCommand::Action(action(usize::from(channel::HEIGHT))),
         HostCommand::ManualOutput(change(channel::COUNT - 1)),
         HostCommand::Repeat(repeated),
     ] {
