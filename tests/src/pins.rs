@@ -78,6 +78,45 @@ pub fn samples(path: &Path) -> Vec<Sample> {
     samples
 }
 
+/// Asserts of a trace with control periods of 1 ms that the step wires of this axis have made its count and the layer,
+/// in every period. Returns the number of periods that were compared.
+///
+/// # Panics
+/// At the first period in which they have not, or where the file cannot be read.
+pub fn assert_steps_are_path_and_layer(path: &Path, axis: &str) -> usize {
+    let text = fs::read_to_string(path).expect("the trace");
+    let mut codes = BTreeMap::new();
+    let (mut scope, mut compared) = (String::new(), 0);
+    // Of the wires, and as the card reports it; whether the wire says backward.
+    let (mut made, mut reported, mut is_backward) = (0_i64, [0_i64; 2], false);
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["$scope", _, name, "$end"] => scope = name.to_owned(),
+            ["$var", _, _, code, name, "$end"] if scope == axis || name == "layer" => {
+                codes.insert(code.to_owned(), name.to_owned());
+            }
+            _ => {}
+        }
+        if let Some(at) = line.strip_prefix('#').and_then(|at| at.parse::<u64>().ok()) {
+            if at % 1_000_000 == 0 {
+                assert_eq!(made, reported[0] + reported[1], "{axis} at {} ms", at / 1_000_000);
+                compared += 1;
+            }
+            continue;
+        }
+        let Some((value, code)) = value_of(line) else { continue };
+        match codes.get(code).map(String::as_str) {
+            Some("step") if value != 0.0 => made += if is_backward { -1 } else { 1 },
+            Some("backward") => is_backward = value != 0.0,
+            Some("count") => reported[0] = value as i64,
+            Some("layer") => reported[1] = value as i64,
+            _ => {}
+        }
+    }
+    compared
+}
+
 fn set(now: &mut Sample, scope: &str, name: &str, value: f64) {
     match (scope, name) {
         ("outputs", _) if value == 0.0 => {

@@ -61,6 +61,16 @@ pub struct MaterialConfig {
     pub circle_mm: f64,
     /// Number of turns of that circle.
     pub circles: f64,
+    /// Whether the feed begins as soon as the cutter is proven, and the pierce goes on in motion.
+    pub pierces_in_motion: bool,
+    /// Height over the sheet to which a pierce in motion falls, mm; 0: it does not.
+    pub ramp_height_mm: f64,
+    /// Share of the pierce delay behind which it falls, as a percentage.
+    pub ramp_delay_percent: f64,
+    /// Time from the end of the pierce delay to the fall to the cut height, s.
+    pub ramp_hold_s: f64,
+    /// Feed rate of the creep, mm per minute; 0: `creep_percent` counts.
+    pub creep_feed_mm_per_min: f64,
 }
 
 impl MaterialConfig {
@@ -93,6 +103,11 @@ impl MaterialConfig {
             wiggles: 0.0,
             circle_mm: 0.0,
             circles: 0.0,
+            pierces_in_motion: false,
+            ramp_height_mm: 0.0,
+            ramp_delay_percent: 0.0,
+            ramp_hold_s: 0.0,
+            creep_feed_mm_per_min: 0.0,
         }
     }
 }
@@ -268,7 +283,7 @@ macro_rules! figure {
 }
 
 /// Every figure of a material, in the order in which tables list them.
-pub(crate) const FIGURES: [FigureKey; 24] = [
+pub(crate) const FIGURES: [FigureKey; 29] = [
     figure!("thickness", Length, None, false, [0.0, 500.0], thickness_mm),
     figure!("kerf", Length, Some("KERF_WIDTH"), false, [0.0, 100.0], kerf_mm),
     figure!("pierce_height", Length, Some("PIERCE_HEIGHT"), true, [0.0, 200.0], pierce_height_mm),
@@ -309,4 +324,17 @@ pub(crate) const FIGURES: [FigureKey; 24] = [
     figure!("wiggles", Whole, None, false, [0.0, 100.0], wiggles),
     figure!("circle", Length, None, false, [0.0, 50.0], circle_mm),
     figure!("circles", Whole, None, false, [0.0, 100.0], circles),
+    FigureKey {
+        stem: "pierces_in_motion",
+        kind: FigureKind::Switch,
+        qtplasmac: None,
+        is_required: false,
+        range: [0.0, 1.0],
+        get: |material| f64::from(u8::from(material.pierces_in_motion)),
+        set: |material, value| material.pierces_in_motion = value != 0.0,
+    },
+    figure!("ramp_height", Length, None, false, [0.0, 200.0], ramp_height_mm),
+    figure!("ramp_delay_percent", Plain, None, false, [0.0, 100.0], ramp_delay_percent),
+    figure!("ramp_hold_s", Seconds, None, false, [0.0, 60.0], ramp_hold_s),
+    figure!("creep_feed", Speed, None, false, [0.0, 1_000_000.0], creep_feed_mm_per_min),
 ];

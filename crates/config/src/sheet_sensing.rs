@@ -176,8 +176,19 @@ impl<'m> ToolLayer<'m> {
     /// Moves to this height in mm over the sheet that was found; the path of the tool axis is at `path_mm`.
     #[must_use]
     pub fn over_sheet(&self, path_mm: f64, mm: f64) -> LayerMove {
-        let height = self.pulses(mm + self.sensing.float_travel_mm);
-        LayerMove::OverSheet { height, highest: self.pulses(self.axis.travel_mm[1] - path_mm) }
+        LayerMove::OverSheet { height: self.height(mm), highest: self.pulses(self.axis.travel_mm[1] - path_mm) }
+    }
+
+    /// This height in mm over the sheet, in pulses over the place where its contact opens.
+    #[must_use]
+    pub fn height(&self, mm: f64) -> i32 {
+        self.pulses(mm + self.sensing.float_travel_mm)
+    }
+
+    /// Time in s that the tool takes from one height over the sheet to another.
+    #[must_use]
+    pub fn move_time_s(&self, from_mm: f64, to_mm: f64) -> f64 {
+        self.move_s(self.height(from_mm), self.height(to_mm), self.axis.max_velocity_mm_per_s)
     }
 
     /// Moves to the safe height over the expected sheet, if the path of the tool axis, at `path_mm`, is below it.

@@ -29,6 +29,11 @@ pub trait MotionSink<const A: usize> {
         self.action(change, line);
     }
 
+    /// A height over the sheet, in pulses, to which the tool goes beside the motion from a place on: `periods` records
+    /// behind the exclusive instruction before. It counts in the cut that this has begun alone. Without an effect on
+    /// moves and switching, so that most sinks ignore it.
+    fn height(&mut self, _height: i32, _periods: u32, _line: u32) {}
+
     /// An exclusive instruction, executed here at rest.
     ///
     /// # Errors
@@ -57,6 +62,10 @@ impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
 
     fn lasting_action(&mut self, change: OutputChange, line: u32) {
         PlanWriter::lasting_action(self, change, line);
+    }
+
+    fn height(&mut self, height: i32, periods: u32, line: u32) {
+        PlanWriter::height(self, height, periods, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {

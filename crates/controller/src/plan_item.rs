@@ -47,6 +47,8 @@ pub struct ExclusiveInstruction {
     pub layer: Option<LayerMove>,
     /// Those of a restart, where they differ.
     pub restart_layer: Option<LayerMove>,
+    /// Control periods by which the pierce of a restart is longer: this start pierces in motion.
+    pub restart_pierce: u32,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
 }

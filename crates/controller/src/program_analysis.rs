@@ -297,6 +297,11 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         Ok(())
     }
 
+    fn height(&mut self, height: i32, _: u32, _: u32) {
+        let (at, sheet) = self.layer;
+        self.layer.0 = sheet.map_or(at, |sheet| sheet + height);
+    }
+
     fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
         Ok(())
     }

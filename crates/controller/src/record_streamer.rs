@@ -328,7 +328,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Sets an output that the program expects, at `place`.
     fn expect(&mut self, place: RecordIndex, channel: u8, value: i32) {
-        let expected = &mut self.expected[usize::from(channel)];
+        // A height over the sheet is no output.
+        let Some(expected) = self.expected.get_mut(usize::from(channel)) else { return };
         if (*expected == 0) != (value == 0) && self.fire_channels.contains(&channel) {
             if self.cut_changes.len() == MAX_PIERCES {
                 self.cut_changes.pop_front();
@@ -435,6 +436,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         } else if !changes.is_empty() {
             let takes = (done.periods, done.until, done.restart_layer.or(done.layer));
             self.origins.record_switching(changes, (done.code, done.line, done.place), takes);
+            if done.restart_pierce > 0 {
+                self.origins.record_dwell(done.place, done.restart_pierce, &self.expected, &self.cutter_channels);
+            }
         }
         if done.is_barrier {
             self.barrier = Some((done.place, done.code));

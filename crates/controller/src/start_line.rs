@@ -171,6 +171,10 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
                 of,
                 (switch.periods, switch.until, switch.restart_layer.or(switch.layer)),
             );
+            if switch.restart_pierce > 0 {
+                let place = RecordIndex::new(self.moves);
+                self.origins.record_dwell(place, switch.restart_pierce, &self.outputs, &self.cutting);
+            }
         }
         Ok(())
     }

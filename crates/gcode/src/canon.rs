@@ -195,7 +195,7 @@ pub enum Canon {
     SelectMaterial(Arc<Material>),
     /// Allows or forbids a function of the cut cycle (M62 to M65 with P1 to P3 on a machine with a material table).
     SetCutting(CuttingSwitch, bool),
-    /// M159: figure 601 to 609 of a moving pierce.
+    /// M159: figure 601 to 609 of a pierce in motion. The material with it follows.
     SetPierceValue {
         number: u16,
         value: f64,

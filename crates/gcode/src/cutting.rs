@@ -4,6 +4,7 @@
 
 use crate::canon_modes::LengthUnit;
 use crate::material::{Material, MaterialList};
+use crate::pierce_figures::PierceFigures;
 use crate::pose::Pose;
 use std::sync::Arc;
 
@@ -108,8 +109,11 @@ impl Default for HoleSettings {
 /// Modal state of cutting between two blocks; initial on a machine without a material table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CuttingState {
-    /// Material in force.
+    /// Material in force, with the figures of M159.
     pub material: Option<Arc<Material>>,
+    /// That material without them.
+    pub(crate) plain_material: Option<Arc<Material>>,
+    pub(crate) pierce_figures: PierceFigures,
     /// Materials that M190 selects from, with those that comments have added; `None` before the first block.
     pub(crate) materials: Option<Arc<MaterialList>>,
     /// Numbers of the materials that comments have added or overwritten, in the order of the program.
@@ -135,8 +139,6 @@ pub struct CuttingState {
     /// Whether the program cuts a tube, or keeps its Z motion: Z words are obeyed.
     pub(crate) cuts_tube: bool,
     pub(crate) keeps_z: bool,
-    /// Whether M159 has been reported.
-    pub(crate) has_pierce_values: bool,
     /// Whether the input that proves the cutter is ignored.
     pub(crate) is_arc_ignored: bool,
     /// The arcs that may be parts of a hole.
@@ -170,6 +172,8 @@ impl Default for CuttingState {
     fn default() -> CuttingState {
         CuttingState {
             material: None,
+            plain_material: None,
+            pierce_figures: PierceFigures::default(),
             materials: None,
             declared: Vec::new(),
             last_temporary: 0,
@@ -184,7 +188,6 @@ impl Default for CuttingState {
             is_piercing: false,
             cuts_tube: false,
             keeps_z: false,
-            has_pierce_values: false,
             is_arc_ignored: false,
             open_circle: None,
             path_end: None,

@@ -373,6 +373,10 @@ retrace_cycles::error_codes! {
         "M3, M5 or S addresses spindle 2, with which programs for QtPlasmaC mark points with the torch, and the \
         machine file declares no cutter with spindle = 2."
         "Take the marks out of the program, make them with the scribe ($1), or declare a marker with spindle = 2.";
+    BadPierceFigure "E1736" "figure of a pierce out of range"
+        "M159 sets a figure of the pierces to come, and its Q word is not in the range of that figure."
+        "Correct the Q word: P601 has 0, 1 or 2, P602 a percentage, P604 seconds, the others lengths, and lengths per \
+        minute, in the units of the program. P609 resets all of them.";
 
     BadControl "E1801" "O word not understood"
         "The line does not have the form of an O word: label, keyword, values in brackets."
@@ -491,10 +495,6 @@ retrace_cycles::error_codes! {
         "The comment declares a material, and no cutter of the machine has a material table, so that it is a plain \
         comment. Materials, M190 and pierce delays belong to a cutter of kind \"torch\", \"jet\" or \"beam\"."
         "Name a table with materials = \"materials.toml\" in the [[cutter]] table.";
-    NoEffectYet "W1011" "word without effect"
-        "The program asks for a function of the cut cycle that is not there yet. Each such function is reported once \
-        for each program."
-        "Nothing, if the cut is good without it; otherwise take the word out, so that the program says what happens.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed"
         "M3 or M4 is executed while the spindle speed is zero."
         "Give an S word first.";

@@ -79,6 +79,7 @@ mod output_text;
 mod params;
 mod parse;
 mod path_cache;
+mod pierce_figures;
 mod pose;
 mod prescan;
 mod program;

@@ -62,6 +62,16 @@ pub struct Material {
     pub circle_mm: f64,
     /// Number of turns of that circle.
     pub circles: f64,
+    /// Whether the feed begins as soon as the cutter is proven, and the pierce goes on in motion.
+    pub pierces_in_motion: bool,
+    /// Height over the sheet to which a pierce in motion falls, mm; 0: it does not.
+    pub ramp_height_mm: f64,
+    /// Share of the pierce delay behind which it falls, as a percentage.
+    pub ramp_delay_percent: f64,
+    /// Time from the end of the pierce delay to the fall to the cut height, s.
+    pub ramp_hold_s: f64,
+    /// Feed rate of the creep, mm per minute; 0: `creep_percent` counts.
+    pub creep_feed_mm_per_min: f64,
 }
 
 /// The materials that a program can select, and the default one.

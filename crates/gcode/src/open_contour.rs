@@ -82,11 +82,16 @@ impl Piece {
     }
 }
 
+/// Whether the feed rate behind the pierce of a contour is another one for some length.
+fn creeps(material: &Material) -> bool {
+    material.creep_percent > 0.0 || material.creep_feed_mm_per_min > 0.0
+}
+
 impl OpenContour {
     /// The contour that begins where this tool is lit, if any of its ends differs from what the program says.
     pub(crate) fn begin(tool: CuttingTool, material: Option<&Arc<Material>>, start: Pose) -> Option<OpenContour> {
         let material = material.cloned().unwrap_or_default();
-        let creeps = material.creep_mm > 0.0 && material.creep_percent > 0.0;
+        let creeps = material.creep_mm > 0.0 && creeps(&material);
         let pierces = material.pierce_mm > 0.0 || material.wiggles > 0.0 || material.circles > 0.0;
         let ends = material.off_before_mm > 0.0 || material.over_cut_mm > 0.0 || tool.abrasive_lag_mm > 0.0;
         let differs = creeps || pierces || ends;
@@ -106,11 +111,11 @@ impl OpenContour {
 
     /// The stage in which the contour goes on, and the length in mm to its end.
     pub(crate) fn stage_here(&self) -> (Stage, f64) {
-        let Material { pierce_mm, creep_mm, creep_percent, .. } = *self.material;
+        let Material { pierce_mm, creep_mm, .. } = *self.material;
         let to = |end_mm: f64| end_mm - self.length_mm;
         if to(pierce_mm) >= SHORTEST_MM {
             (Stage::Pierce, to(pierce_mm))
-        } else if creep_percent > 0.0 && to(creep_mm) >= SHORTEST_MM {
+        } else if creeps(&self.material) && to(creep_mm) >= SHORTEST_MM {
             (Stage::Creep, to(creep_mm))
         } else {
             (Stage::Full, f64::INFINITY)
@@ -119,9 +124,10 @@ impl OpenContour {
 
     /// Feed rate of a stage where the program's is `rate`, in program units of `unit_mm` per minute.
     pub(crate) fn rate(&self, stage: Stage, rate: f64, unit_mm: f64) -> f64 {
-        let pierce = self.material.pierce_feed_mm_per_min / unit_mm;
+        let Material { pierce_feed_mm_per_min, creep_feed_mm_per_min, .. } = *self.material;
         match stage {
-            Stage::Pierce if pierce > 0.0 => pierce,
+            Stage::Pierce if pierce_feed_mm_per_min > 0.0 => pierce_feed_mm_per_min / unit_mm,
+            Stage::Creep if creep_feed_mm_per_min > 0.0 => creep_feed_mm_per_min / unit_mm,
             Stage::Creep => rate * self.material.creep_percent / 100.0,
             _ => rate,
         }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::limits::audit;
-use retrace_tests::pins::{Sample, samples};
+use retrace_tests::pins::{Sample, assert_steps_are_path_and_layer, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
 use retrace_tests::served::ServedCard;
@@ -92,8 +92,8 @@ fn a_program_is_cut_at_the_heights_of_its_material() {
     assert!((estimate / really - 1.0).abs() < 0.01, "{estimate} s, and {really} s");
 }
 
-/// Behind the pierce the torch waits at the puddle height, and the feed begins at that of the cut; so does a cut that
-/// is lost and recovered, and one that begins at a line.
+/// Behind the pierce the feed begins, and beside it the torch waits at the puddle height, and goes to that of the cut;
+/// so does a cut that is lost and recovered, and one that begins at a line.
 #[test]
 fn a_puddle_is_passed_at_its_height() {
     const PUDDLE: i64 = 3 * PIERCE / 2;
@@ -117,13 +117,24 @@ fn a_puddle_is_passed_at_its_height() {
         ];
         let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
         assert_eq!(run.report["outcome"], "completed", "{faults} {line}: {}", run.output.err);
+        assert!(assert_steps_are_path_and_layer(&vcd, "z") > 5000);
+        let violations = audit(&run.records.clone().with_layer(2), &run.axes(), 1e-3).violations;
+        assert_eq!(violations, [0; 3], "{faults} {line}");
         let trace = samples(&vcd);
+        assert_eq!(trace.last().map(tool), Some(0), "{faults} {line}");
         let height = |sample: &Sample| tool(sample) - SHEET - OPENS;
-        let mut waits_ms = Vec::new();
-        for pair in trace.windows(2).filter(|pair| pair[0].is_on("spindle") && pair[1].is_on("spindle")) {
-            let moves = pair[0].counts[0] != pair[1].counts[0];
-            assert!(!moves || height(&pair[1]) == CUT, "{faults} {line}: cuts at {}", height(&pair[1]));
+        let (mut waits_ms, mut beside, mut is_down) = (Vec::new(), 0, false);
+        for pair in trace.windows(2) {
+            let moves = pair[0].place != pair[1].place;
+            if !(pair[0].is_on("spindle") && pair[1].is_on("spindle")) {
+                is_down = false;
+                continue;
+            }
             assert!((CUT..=PUDDLE).contains(&height(&pair[1])), "{faults} {line}: {:?}", pair[1]);
+            assert!(!is_down || height(&pair[1]) == CUT, "{faults} {line}: {:?}", pair[1]);
+            assert!(moves || height(&pair[1]) <= PIERCE, "{faults} {line}: it waits in motion: {:?}", pair[1]);
+            is_down |= height(&pair[1]) == CUT;
+            beside += u32::from(moves && pair[0].layer != pair[1].layer);
             if height(&pair[0]) == PUDDLE {
                 waits_ms.push((pair[1].at_us - pair[0].at_us) / 1000);
             }
@@ -132,6 +143,7 @@ fn a_puddle_is_passed_at_its_height() {
         let starts = if line == "1" { 2.0 } else { 1.0 };
         let waited_s = waits_ms.iter().sum::<u64>() as f64 / 1000.0;
         assert!((waited_s / (0.3 * starts) - 1.0).abs() < 0.1, "{faults} {line}: {waited_s} s");
+        assert!(f64::from(beside) > 200.0 * starts, "{faults} {line}: {beside} periods");
     }
 }
 

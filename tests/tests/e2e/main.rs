@@ -27,6 +27,7 @@ mod offsets;
 mod output;
 mod page;
 #[cfg(target_os = "linux")]
+mod ramp_pierce;
 mod real_time;
 mod recovery_examples;
 mod refusals;

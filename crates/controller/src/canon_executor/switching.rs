@@ -14,6 +14,15 @@ use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::SwitchInstruction;
 
+/// What the start of a cutter has besides its switching.
+#[derive(Clone, Copy, Debug, Default)]
+struct CutStart {
+    /// Moves of the layer: now, and at a restart.
+    layer: Option<[LayerMove; 2]>,
+    /// Control periods by which the pierce of a restart is longer.
+    restart_pierce: u32,
+}
+
 impl<'m> CanonExecutor<'m> {
     pub(super) fn switching<const A: usize>(
         &mut self,
@@ -44,7 +53,7 @@ impl<'m> CanonExecutor<'m> {
             }
             Canon::SelectTool(tool) => {
                 self.selected_tool = *tool;
-                self.exclusive(("T", line), &[], self.machine.switching.code("T"), None, sink)
+                self.exclusive(("T", line), &[], self.machine.switching.code("T"), CutStart::default(), sink)
             }
             Canon::ChangeTool { tool, was, comment: remark, .. } => {
                 if tool != was {
@@ -275,7 +284,7 @@ impl<'m> CanonExecutor<'m> {
     ) -> Result<(), CanonError> {
         let seconds = if self.machine.skips_waits() { 0.0 } else { seconds };
         let switching = CodeSwitching { periods: self.periods(seconds), ..self.machine.switching.code("M64") };
-        self.exclusive(of, &[change], switching, None, sink)
+        self.exclusive(of, &[change], switching, CutStart::default(), sink)
     }
 
     /// Duration in control periods.
@@ -333,7 +342,7 @@ impl<'m> CanonExecutor<'m> {
         }
         let code = if ignored { "M64" } else { "M65" };
         let switching = CodeSwitching { in_reverse: InReverse::Undone, ..CodeSwitching::AT_REST };
-        self.exclusive((code, line), &[change], switching, None, sink)
+        self.exclusive((code, line), &[change], switching, CutStart::default(), sink)
     }
 
     /// M6. Where the operator changes the tool, its number is shown where the motion stops.
@@ -412,7 +421,9 @@ impl<'m> CanonExecutor<'m> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        let pierce_s = self.material.as_ref().map(|material| material.pierce_delay_s);
+        let in_motion = change.value != 0 && self.pierces_in_motion();
+        let whole_pierce_s = self.material.as_ref().map(|material| material.pierce_delay_s);
+        let pierce_s = if in_motion { Some(0.0) } else { whole_pierce_s };
         let (periods, until) = self.machine.cutter_switching(change, pierce_s, self.is_proof_ignored);
         if switching.class == CodeClass::Synchronous
             && change.value != 0
@@ -438,7 +449,13 @@ impl<'m> CanonExecutor<'m> {
         match (switching.class, switching.in_reverse) {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),
-            (CodeClass::Exclusive, _) => self.exclusive((code, line), &[change], switching, layer, sink)?,
+            (CodeClass::Exclusive, _) => {
+                // A restart may pierce anywhere, at rest.
+                let restart_s = whole_pierce_s.filter(|_| in_motion && !was_lit && !self.machine.skips_waits());
+                let restart_pierce = restart_s.map_or(0, |seconds| self.periods(seconds));
+                let start = CutStart { layer, restart_pierce };
+                self.exclusive((code, line), &[change], switching, start, sink)?;
+            }
         }
         if change.value == 0 && was_lit {
             return self.arm_marker((code, line), change, sink);
@@ -447,7 +464,7 @@ impl<'m> CanonExecutor<'m> {
             return Ok(());
         }
         if layer.is_some() {
-            self.leave_puddle(line, sink)?;
+            self.add_heights(line, sink);
         }
         self.start_abrasive(code, change.channel, line, sink)
     }
@@ -457,7 +474,7 @@ impl<'m> CanonExecutor<'m> {
         (code, line): (&'static str, u32),
         changes: &[OutputChange],
         switching: CodeSwitching,
-        layer: Option<[LayerMove; 2]>,
+        CutStart { layer, restart_pierce }: CutStart,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         let CodeSwitching { periods, until, in_reverse, .. } = switching;
@@ -472,6 +489,7 @@ impl<'m> CanonExecutor<'m> {
             until,
             layer,
             restart_layer,
+            restart_pierce,
             is_barrier: one_way,
             undone_in_reverse: undone,
         })?)

@@ -48,10 +48,11 @@ impl CanonExecutor<'_> {
             return Err(CanonError::NotSupported("a cut by a material without heights, whose sheet is sensed,"));
         };
         self.layer = LayerState::AtCut;
-        let puddle_mm = self.puddle().map_or(cut_mm, |(puddle_mm, _)| puddle_mm);
+        // Where other heights follow beside the motion, that begins at the height of the pierce.
+        let first_mm = if self.later_heights(pierce_mm).is_empty() { cut_mm } else { pierce_mm };
         let may_skip = self.skips_sensing(path_mm, layer.sensing().skip_mm);
         // A restart senses, and what it finds counts for no later start.
-        let [now, restart] = [(puddle_mm, may_skip), (cut_mm, true)];
+        let [now, restart] = [(first_mm, may_skip), (cut_mm, true)];
         Ok(Some([now, restart].map(|(mm, may_skip)| layer.start(path_mm, [pierce_mm, mm], may_skip))))
     }
 
@@ -74,26 +75,44 @@ impl CanonExecutor<'_> {
         first_lift.filter(|_| is_first)
     }
 
-    /// Height in mm over the sheet behind the pierce, and the time in s there, where the material has them (CUT-13).
-    fn puddle(&self) -> Option<(f64, f64)> {
-        let of = self.material.as_ref()?;
-        let differs = of.puddle_percent > 0.0 && of.puddle_percent != 100.0 && of.puddle_s > 0.0;
-        differs.then_some((of.pierce_height_mm * of.puddle_percent / 100.0, of.puddle_s))
+    /// Whether the material pierces in motion: the feed begins as soon as the cutter is proven (CUT-18).
+    pub(super) fn pierces_in_motion(&self) -> bool {
+        self.material.as_ref().is_some_and(|material| material.pierces_in_motion)
     }
 
-    /// Behind a start: waits at the puddle height, and goes to that of the cut. A restart does without.
-    pub(super) fn leave_puddle<const A: usize>(
-        &self,
-        line: u32,
-        sink: &mut impl MotionSink<A>,
-    ) -> Result<(), CanonError> {
-        let (Some(layer), Some((_, puddle_s))) = (self.machine.tool_layer(), self.puddle()) else { return Ok(()) };
-        let cut_mm = self.material.as_ref().map_or(0.0, |of| of.cut_height_mm);
-        let moves = layer.over_sheet(self.actual_position()[self.axes[layer.index]], cut_mm);
-        let periods = if self.machine.skips_waits() { 0 } else { self.periods(puddle_s) };
-        let instruction =
-            SwitchInstruction { line, code: HEIGHT, periods, layer: Some(moves), ..SwitchInstruction::default() };
-        Ok(sink.exclusive(instruction)?)
+    /// Heights in mm over the sheet to which the tool goes beside the motion, behind a pierce at `pierce_mm`, each with
+    /// the time in s from the beginning of the motion at which it leaves the one before (CUT-13, CUT-18).
+    fn later_heights(&self, pierce_mm: f64) -> Vec<(f64, f64)> {
+        let (Some(of), Some(layer)) = (self.material.as_ref(), self.machine.tool_layer()) else { return Vec::new() };
+        let (mut heights, mut pierced_s) = (Vec::new(), 0.0);
+        if of.pierces_in_motion {
+            pierced_s = of.pierce_delay_s + of.ramp_hold_s;
+            if of.ramp_height_mm > 0.0 {
+                heights.push((of.pierce_delay_s * of.ramp_delay_percent / 100.0, of.ramp_height_mm));
+            }
+        }
+        let puddles = of.puddle_percent > 0.0 && of.puddle_percent != 100.0 && of.puddle_s > 0.0;
+        if puddles {
+            let puddle_mm = pierce_mm * of.puddle_percent / 100.0;
+            heights.push((pierced_s, puddle_mm));
+            let from_mm = if of.pierces_in_motion && of.ramp_height_mm > 0.0 { of.ramp_height_mm } else { pierce_mm };
+            pierced_s += layer.move_time_s(from_mm, puddle_mm) + of.puddle_s;
+        }
+        if of.pierces_in_motion || puddles {
+            heights.push((pierced_s, of.cut_height_mm));
+        }
+        heights
+    }
+
+    /// Behind a start: the heights that follow beside the motion. A restart does without.
+    pub(super) fn add_heights<const A: usize>(&self, line: u32, sink: &mut impl MotionSink<A>) {
+        let (Some(layer), Some(of)) = (self.machine.tool_layer(), self.material.as_ref()) else { return };
+        if self.machine.inhibits_outputs {
+            return;
+        }
+        for (seconds, mm) in self.later_heights(of.pierce_height_mm) {
+            sink.height(layer.height(mm), self.periods(seconds), line);
+        }
     }
 
     /// Before a move to these coordinates.

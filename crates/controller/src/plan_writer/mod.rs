@@ -19,7 +19,7 @@ use retrace_core::ring::Producer;
 use retrace_core::{Flags, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
-use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs};
+use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
@@ -48,6 +48,8 @@ pub struct SwitchInstruction<'c> {
     pub layer: Option<LayerMove>,
     /// Those of a restart, where they differ.
     pub restart_layer: Option<LayerMove>,
+    /// Control periods by which the pierce of a restart is longer.
+    pub restart_pierce: u32,
     /// Whether it is a retrace barrier.
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
@@ -102,6 +104,8 @@ pub struct PlanWriter<'r, const A: usize> {
     origins: VecDeque<SerialOrigin>,
     /// Output changes that wait for the first record of the move with their serial number.
     waiting_changes: VecDeque<WaitingChange>,
+    /// Heights over the sheet that wait for their places, in the order of these, and their lines.
+    heights: VecDeque<(RecordIndex, i32, u32)>,
     /// Modal states that wait for the first record of the move with that serial number.
     modes: VecDeque<(u32, Box<ActiveCodes>)>,
     /// Outputs as the program has set them, pending changes included.
@@ -140,6 +144,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             block: 0,
             origins: VecDeque::new(),
             waiting_changes: VecDeque::new(),
+            heights: VecDeque::new(),
             modes: VecDeque::new(),
             outputs,
             index: Box::new(()),
@@ -311,6 +316,12 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         }
     }
 
+    /// Adds a height over the sheet for the cut that an exclusive instruction here has begun: the tool goes there
+    /// beside the motion, `periods` records behind this place.
+    pub fn height(&mut self, height: i32, periods: u32, line: u32) {
+        self.heights.push_back((self.ring.write() + periods, height, line));
+    }
+
     /// Adds an exclusive instruction: the motion comes to rest here, also under G64.
     ///
     /// # Errors
@@ -329,8 +340,10 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let until = switch.until.filter(|_| !is_inhibited);
         let before = self.outputs;
         changes[..count].iter().for_each(|change| self.outputs[usize::from(change.channel)] = change.value);
-        let SwitchInstruction { line, kind, code, is_barrier, undone_in_reverse: undone, layer, restart_layer, .. } =
-            switch;
+        let SwitchInstruction { line, kind, code, is_barrier, undone_in_reverse: undone, layer, .. } = switch;
+        if layer.is_some() {
+            self.heights.clear();
+        }
         let place = self.ring.write();
         let exclusive = ExclusiveInstruction {
             place,
@@ -342,7 +355,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             periods,
             until,
             layer,
-            restart_layer,
+            restart_layer: switch.restart_layer,
+            restart_pierce: switch.restart_pierce,
             is_barrier,
         };
         self.send(PathItem::Exclusive(exclusive))?;
@@ -433,6 +447,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             let serial = record.line;
             self.send_active(serial)?;
             self.send_actions(serial)?;
+            self.send_heights()?;
             if let Some(Planned::Waiting { serial: end }) = self.lengths.last_end
                 && number_is_before(end, serial)
             {
@@ -509,6 +524,19 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             let before = if lasts { change.value } else { *value };
             let action = OutputAction { place, channel, before, after: change.value };
             *value = change.value;
+            self.send(PathItem::Action(action, line))?;
+        }
+        Ok(())
+    }
+
+    /// Sends the heights whose place is that of the next record.
+    fn send_heights(&mut self) -> Result<(), Cancelled> {
+        let place = self.ring.write();
+        while let Some(&(at, after, line)) = self.heights.front()
+            && !place.is_before(at)
+        {
+            self.heights.pop_front();
+            let action = OutputAction { place, channel: channel::HEIGHT, before: after, after };
             self.send(PathItem::Action(action, line))?;
         }
         Ok(())

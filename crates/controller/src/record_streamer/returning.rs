@@ -27,7 +27,9 @@ impl<const A: usize> RecordStreamer<'_, A> {
             match (action, done) {
                 // At one place the instruction is executed first.
                 (Some(action), done) if done.is_none_or(|done| !action.place.is_before(done)) => {
-                    self.expected[usize::from(action.channel)] = action.before;
+                    if let Some(expected) = self.expected.get_mut(usize::from(action.channel)) {
+                        *expected = action.before;
+                    }
                     self.passed -= 1;
                 }
                 (_, Some(_)) => self.undo_last_instruction(),

@@ -54,9 +54,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Reports an action that was passed. That of the loss watch has an event of its own.
+    /// Reports an action that was passed. That of the loss watch has an event of its own, and a height is no output.
     pub(super) fn emit_action(&mut self, line: u32, number: u8, value: i32) {
-        if number != channel::UNWATCHED {
+        if !matches!(number, channel::UNWATCHED | channel::HEIGHT) {
             self.emit_at(line, EventKind::OutputChanged(number, value));
         }
     }

@@ -66,7 +66,11 @@ impl Core {
                 let canon = Canon::SetFeedRate(contour.rate(contour.stage, *rate, self.state.units.millimetres()));
                 contour.pass(CanonStep { canon, ..step }, None, steps);
             }
-            Canon::Comment(_) | Canon::SetMotionControlMode(_) | Canon::SetNaivecamTolerance(_) => {
+            Canon::Comment(_)
+            | Canon::SetMotionControlMode(_)
+            | Canon::SetNaivecamTolerance(_)
+            | Canon::SelectMaterial(_)
+            | Canon::SetPierceValue { .. } => {
                 contour.pass(step, None, steps);
             }
             Canon::SetCutting(CuttingSwitch::Cutter, false) | Canon::ProgramEnd => {

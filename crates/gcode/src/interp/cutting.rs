@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 /// M190: selects a material.
 pub(super) const SELECT_MATERIAL: u8 = 190;
-/// M159: sets a figure of a moving pierce.
+/// M159: sets a figure of a pierce in motion.
 pub(super) const PIERCE_VALUE: u8 = 159;
 
 /// Number behind `$` with which QtPlasmaC addresses the torch to mark points.
@@ -96,27 +96,38 @@ impl Core {
     }
 
     fn use_material(&mut self, material: Arc<Material>, emit: &mut Emitter<'_>) {
-        self.state.cutting.material = Some(Arc::clone(&material));
+        let state = &mut self.state.cutting;
+        let material = state.pierce_figures.applied_to(state.plain_material.insert(material));
+        state.material = Some(Arc::clone(&material));
         emit.call(Canon::SelectMaterial(material));
     }
 
-    /// Executes M159: records a figure of a moving pierce.
+    /// Executes M159: sets a figure of the pierces to come, or resets all of them.
     pub(super) fn pierce_value(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::User);
-        let (Some(number), Some(value)) = (words.get(b'p'), words.get(b'q')) else {
-            return fault(ErrorCode::WordMissing, at, "M159 needs P601 to P609 and a Q word: the value");
+        let number = words.get(b'p').map(|number| to_whole_number(number, words.span(b'p'), "P")).transpose()?;
+        let (number, value) = match (number, words.get(b'q')) {
+            (Some(609), value) => (609, value.unwrap_or_default()),
+            (Some(number), Some(value)) => (number, value),
+            _ => return fault(ErrorCode::WordMissing, at, "M159 needs P601 to P609 and a Q word: the value"),
         };
-        match to_whole_number(number, words.span(b'p'), "P")? {
-            number @ 601..=609 => {
-                emit.call(Canon::SetPierceValue { number: number as u16, value });
-                if !std::mem::replace(&mut self.state.cutting.has_pierce_values, true) {
-                    let message = "the figures of a moving pierce (M159) have no effect: every pierce stands still";
-                    emit.warn(ErrorCode::NoEffectYet, at, message.into());
-                }
-                Ok(())
-            }
-            number => fault(ErrorCode::BadP, words.span(b'p'), format!("M159 has P601 to P609, not P{number}")),
+        let Some(number) = u16::try_from(number).ok().filter(|number| (601..=609).contains(number)) else {
+            return fault(ErrorCode::BadP, words.span(b'p'), format!("M159 has P601 to P609, not P{number}"));
+        };
+        let (unit_mm, state) = (self.state.units.millimetres(), &mut self.state.cutting);
+        if let Err([least, greatest]) = state.pierce_figures.set(number, value, unit_mm) {
+            let whole = if number == 601 {
+                "0 (at rest), 1 (in motion) or 2 (ramp)".to_owned()
+            } else {
+                format!("a number from {least} to {greatest:.6}")
+            };
+            return fault(ErrorCode::BadPierceFigure, words.span(b'q'), format!("P{number} Q{value}: {whole}"));
         }
+        emit.call(Canon::SetPierceValue { number, value });
+        if let Some(material) = state.plain_material.clone().or_else(|| state.material.clone()) {
+            self.use_material(material, emit);
+        }
+        Ok(())
     }
 
     /// Returns the tool that M3, M4, M5 and S of this block address, on a machine with a material table.

@@ -209,15 +209,44 @@ fn the_spotting_torch_is_refused_by_its_name() {
     assert!(refusal("M3 $3 S1").contains("there is no spindle 3; the cutters of this machine are $0, $1"));
 }
 
+/// M159 changes the material in force and those that are selected later, until P609 resets it.
 #[test]
-fn m159_records_the_figures_of_a_moving_pierce() {
-    let (all, found) = run("#1 = 2\nm159 p601 q[#1*2]\nM159 P609 Q0.5");
-    let told: Vec<_> = found.iter().map(|one| (one.code.number(), one.line)).collect();
-    assert_eq!(told, [("W1011", 2)], "once, as it has no effect");
-    assert!(has(&all, &Canon::SetPierceValue { number: 601, value: 4.0 }));
-    assert!(has(&all, &Canon::SetPierceValue { number: 609, value: 0.5 }));
+fn m159_sets_the_figures_of_pierces_in_motion() {
+    let material_after = |text: &str| {
+        let (all, found) = run(text);
+        assert!(found.is_empty(), "{found:?}");
+        let of = |canon: &Canon| match canon {
+            Canon::SelectMaterial(material) => Some(Arc::clone(material)),
+            _ => None,
+        };
+        all.iter().rev().find_map(of).expect("a material")
+    };
+    let ramp = "m159 p601 q2\nm159 p602 q50\nm159 p603 q[5/2]\nm159 p604 q1\nm159 p605 q980\nm159 p606 q5\n\
+        m159 p607 q245\nm159 p608 q3\n";
+    let inches = format!("G20\n{}", ramp.replace("[5/2]", "0.1").replace("q5\n", "q0.2\n").replace("q3\n", "q0.1\n"));
+    for declaration in ["", "(o=0, ph=4, pd=1, ch=1.5, fr=490)\n"] {
+        let of = material_after(&format!("{ramp}{declaration}"));
+        assert_eq!(
+            (of.pierces_in_motion, of.ramp_height_mm, of.ramp_delay_percent, of.ramp_hold_s),
+            (true, 2.5, 50.0, 1.0)
+        );
+        assert_eq!((of.pierce_mm, of.pierce_feed_mm_per_min), (5.0, 980.0));
+        assert_eq!((of.creep_mm, of.creep_feed_mm_per_min), (8.0, 245.0), "the creep begins behind the gouge");
+        for reset in ["m159 p609", "M159 P609 Q0.5"] {
+            let of = material_after(&format!("{ramp}{declaration}{reset}\n"));
+            assert_eq!((of.pierces_in_motion, of.ramp_height_mm, of.pierce_mm, of.creep_mm), (false, 0.0, 0.0, 0.0));
+        }
+        let of = material_after(&format!("{ramp}m159 p601 q1\n{declaration}"));
+        assert_eq!((of.pierces_in_motion, of.ramp_height_mm, of.pierce_mm, of.creep_mm), (true, 0.0, 0.0, 0.0));
+    }
+    let of = material_after(&inches);
+    assert_eq!((of.ramp_height_mm, of.pierce_mm, of.creep_feed_mm_per_min), (2.54, 0.2 * 25.4, 245.0 * 25.4));
+    assert!(has(&run(ramp).0, &Canon::SetPierceValue { number: 603, value: 2.5 }));
     assert!(refusal("M159 P610 Q1").starts_with("E1511"));
     assert!(refusal("M159 P601").starts_with("E1505"));
+    for bad in ["P601 Q3", "P601 Q0.5", "P602 Q101", "P603 Q-1", "P604 Q61", "P605 Q-1", "P608 Q1000"] {
+        assert!(refusal(&format!("M159 {bad}")).starts_with("E1736"), "{bad}");
+    }
 }
 
 #[test]
