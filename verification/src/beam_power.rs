@@ -8,7 +8,7 @@ use crate::harness::{cover, harnesses, holds};
 use crate::ledger::{Mutant, Row};
 use retrace_card::beam_power::power_of;
 use retrace_core::FeedShare;
-use retrace_link::BeamPower;
+use retrace_link::{BeamPower, LINEAR_POWER};
 
 /// Steps of a feed share between two places in a [`FeedShare`], as bits.
 const FRACTION_BITS: u32 = 32;
@@ -16,7 +16,7 @@ const FRACTION_BITS: u32 = 32;
 /// Any settings, S up to 2¹⁰ steps, any speed of up to four times the feed.
 fn any_power(c: &mut impl Choice) -> Option<()> {
     let least = c.upto(u32::from(FeedShare::FEED.units())) as u16;
-    let power = BeamPower { channel: 64, least: FeedShare::from_units(least) };
+    let power = BeamPower { channel: 64, least: FeedShare::from_units(least), exponent: LINEAR_POWER };
     let (on, full) = (c.below(5) as i32 - 2, c.below(1 << 10) as i32 - 16);
     let speed = if c.flag() { c.below(1 << 17) } else { 0 };
     let share = u64::from(speed) << FRACTION_BITS | u64::from(c.below(2));
@@ -55,11 +55,11 @@ const POWER: &str = "crates/card/src/beam_power.rs";
 pub const ROWS: &[Row] = &[Row {
     name: "beam-power",
     says: "The power of a beam is never above S; it is 0 with the beam off, and 0 at rest except in a pierce; with M3 \
-        it is S; with M4, at a share of the feed that is a power of two, it is that share of S, and at least the \
-        least one",
+        it is S; with M4 and the exponent 1, at a share of the feed that is a power of two, it is that share of S, \
+        and at least the least one",
     requirement: "CUT-20",
     bound: "S below 2¹⁰ steps, values of the beam's output from −2 to 2, any least share, speeds below four times the \
-        feed; all values are drawn in the tests of the card",
+        feed, the exponent 1; all values and exponents are drawn in the tests of the card",
     assumes: "that the share is that of the way of the period is tested against a definition (core, `playback`) and at \
         whole cards; not proved",
     suffices: "the function has no state",
@@ -91,8 +91,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the least power is not kept",
             file: POWER,
-            find: ".max(u64::from(power.least.units()))",
-            put: ".max(u64::from(power.least.units()) / 2)",
+            find: "share.max(u64::from(power.least.units()))",
+            put: "share.max(u64::from(power.least.units()) / 2)",
             killer: "beam_power_law",
         },
     ],

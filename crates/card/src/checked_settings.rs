@@ -4,7 +4,8 @@
 
 use retrace_core::{FeedShare, Record};
 use retrace_link::{
-    Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE,
+    Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_POWER_EXPONENT,
+    MAX_SAFE,
 };
 
 use crate::outputs;
@@ -48,7 +49,8 @@ impl<const A: usize> CheckedSettings<A> {
         let cutting = &settings.cutting;
         let power_is_valid = cutting.beam_power.is_none_or(|power| {
             let enables = cutting.channels().iter().any(|of| of.channel == power.channel && of.fires);
-            identity.has_power_output && enables && power.least <= FeedShare::FEED
+            let is_bounded = power.least <= FeedShare::FEED && (1..=MAX_POWER_EXPONENT).contains(&power.exponent);
+            identity.has_power_output && enables && is_bounded
         });
         if !numbers
             || !power_is_valid

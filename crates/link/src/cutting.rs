@@ -15,6 +15,11 @@ pub const MAX_CUTTING_CHANNELS: usize = 8;
 /// Maximum number of cutting channels with a [`ProofInput`]: the settings then fit a frame.
 pub const MAX_PROOFS: usize = 1;
 
+/// Exponent of a power that is proportional to the speed, in quarters.
+pub const LINEAR_POWER: u8 = 4;
+/// Greatest exponent of a power, in quarters.
+pub const MAX_POWER_EXPONENT: u8 = 16;
+
 /// One output channel of a cutter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CuttingChannel {
@@ -67,14 +72,16 @@ pub struct CuttingSettings {
 /// Power of a beam, which the card computes in each control period (CUT-20).
 ///
 /// The power is the value of [`crate::channel::SPEED`], S, while the beam pierces. Otherwise it is 0 unless the cursor
-/// moves along feed motion with the beam on. Where the beam's channel is negative (M4) it follows the speed: S · v / F,
-/// with the path speed v in the period and the programmed feed F, at least `least` of S and at most S.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// moves along feed motion with the beam on. Where the beam's channel is negative (M4) it follows the speed:
+/// S · (v / F)^γ, with the path speed v in the period and the programmed feed F, at least `least` of S and at most S.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BeamPower {
     /// Output channel that enables the beam; one of [`CuttingSettings::channels`] that fires.
     pub channel: u8,
     /// Least power in motion with M4, as a share of S in units of 2⁻¹⁵, at most 1.
     pub least: FeedShare,
+    /// The exponent γ, in quarters: 1 to [`MAX_POWER_EXPONENT`], and [`LINEAR_POWER`] for 1.
+    pub exponent: u8,
 }
 
 impl CuttingSettings {

@@ -42,8 +42,8 @@ pub use alarm::Alarm;
 pub use card_endpoint::CardEndpoint;
 pub use card_failure::CardFailure;
 pub use cutting::{
-    BeamPower, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, MAX_PROOFS,
-    MAX_PULSE_US, ProofInput, RepeatedInstruction,
+    BeamPower, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, LINEAR_POWER, MAX_CUTTING_CHANNELS,
+    MAX_POWER_EXPONENT, MAX_PROOFS, MAX_PULSE_US, ProofInput, RepeatedInstruction,
 };
 pub use host::{HostEndpoint, LineCounts, LinkError};
 pub use layer::{LayerMove, LayerSettings, MAX_LAYER, OhmicSensing};

@@ -93,6 +93,26 @@ fn with_m4_the_power_follows_the_speed_in_every_period() {
     }
 }
 
+/// With an exponent the power is that of the share of the feed in the period.
+#[test]
+fn an_exponent_bends_the_power_with_the_speed() {
+    for exponent in [0.5, 1.5, 2.0] {
+        let (run, trace) = run(&format!("power = {{ exponent = {exponent} }}"), CORNERS, "at 1s override 40%\n");
+        assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+        assert_safe(&trace, false);
+        let mut slow = 0;
+        for pair in trace.windows(2).filter(|pair| is_period(pair) && pair[1].is_on("spindle")) {
+            let ((mm, s), feed, power) = (step(pair), 25.0, pair[1].beam_power / S);
+            let rounding = 1.5 / PULSES / s / feed;
+            let law = |share: f64| share.clamp(0.0, 1.0).powf(exponent);
+            let (least, most) = (law(mm / s / feed - rounding), law(mm / s / feed + rounding));
+            assert!((least - 1e-4..=most + 1e-4).contains(&power), "{exponent}: {power} {least} {most}");
+            slow += u32::from(power > 0.05 && power < 0.9);
+        }
+        assert!(slow > 50, "it is slow in {slow} periods");
+    }
+}
+
 #[test]
 fn with_m3_the_power_is_constant_and_a_pierce_has_it_at_rest() {
     let program = CORNERS.replace("M4", "M3").replace("G1 Y20", "G1 Y20\nG0 X12 Y18");

@@ -10,8 +10,8 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings,
-    HostCommand, InputSetting, InputUse, Instruction, LayerMove, LayerSettings, OhmicSensing, OutputAction,
-    OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel,
+    HostCommand, InputSetting, InputUse, Instruction, LINEAR_POWER, LayerMove, LayerSettings, OhmicSensing,
+    OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel,
 };
 
 const TORCH: u8 = 3;
@@ -141,7 +141,8 @@ impl Observer {
         settings.cutting.channels[0] =
             CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false, proof: None };
         settings.cutting.inhibit = epoch.is_multiple_of(8);
-        settings.cutting.beam_power = Some(BeamPower { channel: TORCH, least: FeedShare::NONE });
+        settings.cutting.beam_power =
+            Some(BeamPower { channel: TORCH, least: FeedShare::NONE, exponent: LINEAR_POWER });
         let (probe_speed, latch_speed) = (3 << 16, 1 << 15);
         settings.layer = Some(LayerSettings { contacts: FLOAT, probe_speed, latch_speed, ..LayerSettings::default() });
         settings.start.keeps_layer = epoch.is_multiple_of(3);

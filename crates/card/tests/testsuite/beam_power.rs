@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use retrace_core::{FeedShare, Flags, Rate, Record, RecordIndex};
 use retrace_link::{
     BeamPower, CardCore, CardIdentity, CardStatus, CommandRefusal, CuttingChannel, CuttingSettings, HostCommand,
-    Instruction, OutputChange, channel,
+    Instruction, LINEAR_POWER, MAX_POWER_EXPONENT, OutputChange, channel,
 };
 
 const BEAM: u8 = channel::SPINDLE;
@@ -23,7 +23,8 @@ fn beam_settings(least: u16, lit_in_reverse: bool) -> retrace_link::CardSettings
     settings.cutting = CuttingSettings { count: 1, handover_periods: 10, ..CuttingSettings::default() };
     settings.cutting.channels[0] =
         CuttingChannel { channel: BEAM, fires: true, standing_periods: 0, lit_in_reverse, proof: None };
-    settings.cutting.beam_power = Some(BeamPower { channel: BEAM, least: FeedShare::from_units(least) });
+    settings.cutting.beam_power =
+        Some(BeamPower { channel: BEAM, least: FeedShare::from_units(least), exponent: LINEAR_POWER });
     settings
 }
 
@@ -139,8 +140,15 @@ fn a_card_without_a_power_output_refuses_it() {
     assert_eq!(card.open(&beam_settings(0, false)), Err(CommandRefusal::Unsupported));
     let mut card = TestCard::new(identity()).expect("a memory");
     let mut other = beam_settings(0, false);
-    other.cutting.beam_power = Some(BeamPower { channel: 3, least: FeedShare::NONE });
+    let power = BeamPower { channel: BEAM, least: FeedShare::NONE, exponent: LINEAR_POWER };
+    other.cutting.beam_power = Some(BeamPower { channel: 3, ..power });
     assert_eq!(card.open(&other), Err(CommandRefusal::Unsupported), "no channel that fires");
-    other.cutting.beam_power = Some(BeamPower { channel: BEAM, least: FeedShare::from_units(40_000) });
+    other.cutting.beam_power = Some(BeamPower { least: FeedShare::from_units(40_000), ..power });
     assert_eq!(card.open(&other), Err(CommandRefusal::Unsupported), "more than the feed");
+    for exponent in [0, MAX_POWER_EXPONENT + 1, u8::MAX] {
+        other.cutting.beam_power = Some(BeamPower { exponent, ..power });
+        assert_eq!(card.open(&other), Err(CommandRefusal::Unsupported), "{exponent}");
+    }
+    other.cutting.beam_power = Some(BeamPower { exponent: MAX_POWER_EXPONENT, ..power });
+    assert_eq!(card.open(&other), Ok(()));
 }

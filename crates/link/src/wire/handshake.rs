@@ -244,9 +244,10 @@ fn write_cutting(writer: &mut ByteWriter<'_>, cutting: &CuttingSettings) -> Opti
         let periods = [proof.proven_periods, proof.lost_periods, proof.out_periods];
         periods.into_iter().try_for_each(|periods| writer.count(u64::from(periods)))
     })?;
-    let Some(BeamPower { channel, least }) = cutting.beam_power else { return writer.u8(0) };
+    let Some(BeamPower { channel, least, exponent }) = cutting.beam_power else { return writer.u8(0) };
     writer.u8(HAS_POWER | channel)?;
-    writer.u16(least.units())
+    writer.u16(least.units())?;
+    writer.u8(exponent)
 }
 
 fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
@@ -282,7 +283,7 @@ fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
     let channel = reader.u8()?;
     if channel & HAS_POWER != 0 {
         let least = FeedShare::from_units(reader.u16()?);
-        cutting.beam_power = Some(BeamPower { channel: channel & !HAS_POWER, least });
+        cutting.beam_power = Some(BeamPower { channel: channel & !HAS_POWER, least, exponent: reader.u8()? });
     }
     Some(cutting)
 }

@@ -270,7 +270,7 @@ fn handshakes_are_read_back() {
     settings.cutting.channels[1] =
         CuttingChannel { channel: 3, fires: false, standing_periods: 0, lit_in_reverse: false, proof: None };
     (settings.cutting.count, settings.cutting.handover_periods, settings.cutting.inhibit) = (2, 100, true);
-    settings.cutting.beam_power = Some(BeamPower { channel: 64, least: FeedShare::from_units(3_277) });
+    settings.cutting.beam_power = Some(BeamPower { channel: 64, least: FeedShare::from_units(3_277), exponent: 6 });
     let mut writer = ByteWriter::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
     let length = writer.len();
@@ -295,7 +295,7 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
         count: 8,
         handover_periods: 400,
         inhibit: true,
-        beam_power: Some(BeamPower { channel: 64, least: FeedShare::FEED }),
+        beam_power: Some(BeamPower { channel: 64, least: FeedShare::FEED, exponent: u8::MAX }),
     };
     for without_input in &mut settings.cutting.channels[MAX_PROOFS..] {
         without_input.proof = None;
