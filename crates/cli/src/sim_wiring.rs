@@ -21,6 +21,9 @@ const BEHIND_MM: f64 = 5.0;
 /// Time until an awaited input becomes active, in microseconds; less where the machine file has a shorter timeout.
 const TAKES_US: u32 = 50_000;
 
+/// Time until the pressure of a jet is high, in microseconds.
+const RAISES_US: u32 = 300_000;
+
 /// Simulated card in this process, at rest, with the machine of the file.
 ///
 /// # Errors
@@ -141,6 +144,14 @@ fn replies(machine: &MachineConfig) -> Vec<Reply> {
                 reply.active[state] = active;
             }
             reply.after_us = reply.after_us.min(waits_us);
+        }
+    }
+    for cutter in &machine.cutters {
+        if let (Some(channel), Some(jet)) = (cutter.pressure, cutter.jet)
+            && let Some(InputWait { input, timeout_periods, .. }) = jet.pressure_wait(machine.period_us)
+        {
+            let waits_us = timeout_periods.saturating_mul(machine.period_us) / 2;
+            replies.push(Reply { channel, input, active: [false, true], after_us: RAISES_US.min(waits_us) });
         }
     }
     replies

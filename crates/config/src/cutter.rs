@@ -111,6 +111,9 @@ pub(crate) struct CutterSection {
     /// Output of the abrasive.
     #[schemars(range(max = 64))]
     abrasive: Option<u8>,
+    /// Output that raises the pressure of a jet; 0 is low pressure.
+    #[schemars(range(max = 64))]
+    pressure: Option<u8>,
     /// Number behind `$` with which M3, M4 and M5 address the cutter; 0 by default where `fire` is 64.
     #[schemars(range(max = 7))]
     spindle: Option<u8>,
@@ -171,6 +174,8 @@ pub struct CutterConfig {
     pub assist: Option<u8>,
     /// Channel of its abrasive, if any.
     pub abrasive: Option<u8>,
+    /// Channel that raises its pressure, if any.
+    pub pressure: Option<u8>,
     /// Number behind `$` in M3, M4 and M5, if it has one.
     pub spindle: Option<u8>,
     /// File of its material table as written, relative to the machine file; if any.
@@ -210,7 +215,7 @@ pub struct CutterConfig {
 impl CutterSection {
     /// The cutter with its defaults; its figures are in their ranges.
     fn checked(self, standing_ms: f64) -> CutterConfig {
-        let Self { name, kind, fire, arm, assist, abrasive, materials, retrace_cut, rapid_lit, .. } = self;
+        let Self { name, kind, fire, arm, assist, abrasive, pressure, materials, retrace_cut, rapid_lit, .. } = self;
         let rules_height = matches!(kind, CutterKind::Torch | CutterKind::Beam) && materials.is_some();
         CutterConfig {
             name,
@@ -219,6 +224,7 @@ impl CutterSection {
             arm,
             assist,
             abrasive,
+            pressure,
             spindle: self.spindle.or((fire == channel::SPINDLE).then_some(0)),
             materials,
             z_words: self.z_words.unwrap_or(if rules_height { ZWords::Ignored } else { ZWords::Obeyed }),
@@ -256,6 +262,7 @@ impl CutterConfig {
             arm: None,
             assist: None,
             abrasive: None,
+            pressure: None,
             spindle,
             materials: None,
             z_words: ZWords::Obeyed,
@@ -280,11 +287,17 @@ impl CutterConfig {
     /// input to wait for. A jet whose abrasive is switched behind the water pierces behind the abrasive.
     #[must_use]
     pub fn start_of_cut(&self, pierce_s: f64, period_us: u32, is_unwatched: bool) -> (u32, Option<InputWait>) {
-        let pierce_s = self.jet.map_or(pierce_s, |jet| jet.abrasive_delay_s);
+        let pierce_s = self.follows_water().unwrap_or(pierce_s);
         match self.proof.filter(|_| !is_unwatched) {
             Some(proof) => (0, Some(proof.start_wait(&self.start, pierce_s, period_us))),
             None => ((pierce_s * 1e6 / f64::from(period_us)).round() as u32, None),
         }
+    }
+
+    /// Time in s from the water of a jet to its abrasive, where that is switched behind the water.
+    #[must_use]
+    pub fn follows_water(&self) -> Option<f64> {
+        self.jet.filter(|jet| self.abrasive.is_some() && jet.abrasive_lead_s == 0.0).map(|jet| jet.abrasive_delay_s)
     }
 
     /// The input that switching it off waits for.
@@ -327,7 +340,8 @@ impl CutterConfig {
 
     /// Its channels other than `fire`, with their purpose.
     fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
-        let all = [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive")];
+        let all =
+            [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive"), (self.pressure, "pressure")];
         all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
     }
 }
@@ -412,8 +426,9 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         }
         if let Some(jet) = cutter.jet {
             jet.check(&cutter.name)?;
-            if cutter.kind != CutterKind::Jet || cutter.abrasive.is_none() {
-                return refuse("`jet` without an abrasive", "kind = \"jet\" and the output of the abrasive");
+            let is_jet = cutter.kind == CutterKind::Jet;
+            if let Some((what, remedy)) = jet.doubt(is_jet, cutter.abrasive.is_some(), cutter.pressure.is_some()) {
+                return refuse(what, remedy);
             }
             if cutter.spindle.is_none() && cutter.fire != channel::SPINDLE {
                 return refuse("`jet` without `spindle`", "the number behind $ with which M3 opens the jet");
@@ -448,6 +463,13 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
 /// `E2112`
 pub(crate) fn proofs_are_plain_inputs(cutters: &[CutterConfig], card: &CardConfig) -> Result<(), NumberedError> {
     for cutter in cutters {
+        let pressure = cutter.jet.and_then(|jet| jet.pressure_input);
+        if let Some(input) = pressure.filter(|&input| {
+            card.input_use(input) != InputUse::Plain || cutter.proof.is_some_and(|proof| proof.input == input)
+        }) {
+            let what = format!("[[cutter]] {}: jet.pressure_input = {input} has another use", cutter.name);
+            return Err(NumberedError::new("E2112", what, "an input with `use = \"plain\"`, for this use only"));
+        }
         let Some(proof) = &cutter.proof else { continue };
         if card.input_use(proof.input) != InputUse::Plain {
             let what =

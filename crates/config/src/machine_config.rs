@@ -282,12 +282,13 @@ impl MachineConfig {
         self.cutters.iter().find(|cutter| cutter.power.is_some())
     }
 
-    /// The channels that belong to the start of a cutter: those that fire, and the abrasives that are switched with a
-    /// jet. They are restored last, in the order of the program.
+    /// The channels that belong to the start of a cutter: those that fire, and the abrasives and the pressures that are
+    /// switched with a jet. They are restored last, in the order of the program.
     #[must_use]
     pub fn cutter_channels(&self) -> Vec<u8> {
-        let abrasives = self.cutters.iter().filter(|cutter| cutter.jet.is_some()).filter_map(|cutter| cutter.abrasive);
-        self.cutting_outputs.iter().copied().chain(abrasives).collect()
+        let jets = self.cutters.iter().filter(|cutter| cutter.jet.is_some());
+        let flows = jets.flat_map(|cutter| [cutter.abrasive, cutter.pressure].into_iter().flatten());
+        self.cutting_outputs.iter().copied().chain(flows).collect()
     }
 
     /// The channel that M3, M4 and M5 with this number behind `$` switch; `None` where no cutter has the number.
@@ -311,7 +312,8 @@ impl MachineConfig {
         self.inhibits_outputs && !self.dry_waits
     }
 
-    /// Channels that are kept off in a dry run: fire, arm, assist and abrasive of every cutter. Empty otherwise.
+    /// Channels that are kept off in a dry run: fire, arm, assist, abrasive and pressure of every cutter. Empty
+    /// otherwise.
     #[must_use]
     pub fn inhibited_channels(&self) -> Vec<u8> {
         if self.inhibits_outputs { cutter::inhibited(&self.cutters) } else { Vec::new() }

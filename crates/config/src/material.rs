@@ -71,6 +71,8 @@ pub struct MaterialConfig {
     pub ramp_hold_s: f64,
     /// Feed rate of the creep, mm per minute; 0: `creep_percent` counts.
     pub creep_feed_mm_per_min: f64,
+    /// Whether a jet pierces at low pressure, and cuts at high pressure.
+    pub low_pressure_pierce: bool,
 }
 
 impl MaterialConfig {
@@ -108,6 +110,7 @@ impl MaterialConfig {
             ramp_delay_percent: 0.0,
             ramp_hold_s: 0.0,
             creep_feed_mm_per_min: 0.0,
+            low_pressure_pierce: false,
         }
     }
 }
@@ -283,7 +286,7 @@ macro_rules! figure {
 }
 
 /// Every figure of a material, in the order in which tables list them.
-pub(crate) const FIGURES: [FigureKey; 29] = [
+pub(crate) const FIGURES: [FigureKey; 30] = [
     figure!("thickness", Length, None, false, [0.0, 500.0], thickness_mm),
     figure!("kerf", Length, Some("KERF_WIDTH"), false, [0.0, 100.0], kerf_mm),
     figure!("pierce_height", Length, Some("PIERCE_HEIGHT"), true, [0.0, 200.0], pierce_height_mm),
@@ -337,4 +340,13 @@ pub(crate) const FIGURES: [FigureKey; 29] = [
     figure!("ramp_delay_percent", Plain, None, false, [0.0, 100.0], ramp_delay_percent),
     figure!("ramp_hold_s", Seconds, None, false, [0.0, 60.0], ramp_hold_s),
     figure!("creep_feed", Speed, None, false, [0.0, 1_000_000.0], creep_feed_mm_per_min),
+    FigureKey {
+        stem: "low_pressure_pierce",
+        kind: FigureKind::Switch,
+        qtplasmac: None,
+        is_required: false,
+        range: [0.0, 1.0],
+        get: |material| f64::from(u8::from(material.low_pressure_pierce)),
+        set: |material, value| material.low_pressure_pierce = value != 0.0,
+    },
 ];

@@ -56,7 +56,8 @@ macro_rules! copied_material {
             number, name, thickness_mm, kerf_mm, pierce_height_mm, pierce_delay_s, cut_height_mm, feed_mm_per_min,
             puddle_percent, puddle_s, amps, volts, pause_at_end_s, gas_bar, cut_mode, height_control, creep_percent,
             creep_mm, off_before_mm, over_cut_mm, pierce_mm, pierce_feed_mm_per_min, wiggle_mm, wiggles, circle_mm,
-            circles, pierces_in_motion, ramp_height_mm, ramp_delay_percent, ramp_hold_s, creep_feed_mm_per_min
+            circles, pierces_in_motion, ramp_height_mm, ramp_delay_percent, ramp_hold_s, creep_feed_mm_per_min,
+            low_pressure_pierce
         })
     };
 }

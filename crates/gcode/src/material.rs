@@ -72,6 +72,8 @@ pub struct Material {
     pub ramp_hold_s: f64,
     /// Feed rate of the creep, mm per minute; 0: `creep_percent` counts.
     pub creep_feed_mm_per_min: f64,
+    /// Whether a jet pierces at low pressure, and cuts at high pressure.
+    pub low_pressure_pierce: bool,
 }
 
 /// The materials that a program can select, and the default one.

@@ -119,6 +119,91 @@ fn the_abrasive_comes_back_behind_the_water() {
     }
 }
 
+/// An abrasive that leads is on before the water by its time, and the pierce begins with the water.
+#[test]
+fn an_abrasive_that_leads_is_on_before_the_water() {
+    let jet = "jet = { abrasive_lead_s = 0.3, abrasive_lag_mm = 4, purge_s = 0.2 }";
+    let (water, abrasive) = (|sample: &Sample| sample.is_on("out3"), |sample: &Sample| sample.is_on("out4"));
+    let moves = |sample: &Sample| water(sample) && sample.counts[0] > (10.0 * PULSES) as i64;
+    let (whole, trace) = run(jet, "", ("", ""));
+    whole.assert_exact_and_legal();
+    let lead_s = seconds(&trace, abrasive, water);
+    assert!((0.3..0.35).contains(&lead_s), "{lead_s} s");
+    let flowing = |sample: &Sample| water(sample) && sample.inputs >> 5 & 1 == 1;
+    let pierce_s = seconds(&trace, flowing, moves);
+    assert!((0.5..0.65).contains(&pierce_s), "it moves {pierce_s} s behind the water");
+    let begins_s = trace.iter().find(|sample| abrasive(sample)).expect("it leads").at_us as f64 / 1e6;
+    // Held, stopped and switched off by hand while it leads, in the pierce and in the cut; lost in the cut.
+    let mut cases = vec![("lose@20".to_owned(), "at 6s recover\nafter 5s recover\n".to_owned())];
+    for delay_s in [0.05, 0.25, 0.32, 0.6, 1.5] {
+        for script in
+            ["hold\nafter 2s recover\nafter 3s recover", "cutter off\nafter 2s recover\nafter 3s recover", "stop"]
+        {
+            cases.push((String::new(), format!("at {}s {script}\n", begins_s + delay_s)));
+        }
+    }
+    for (faults, script) in cases {
+        let (run, trace) = run(jet, "", (&faults, &script));
+        let ends = if script.contains("stop") { "stopped" } else { "completed" };
+        assert_eq!(run.report["outcome"], ends, "{script} {}", run.output.out);
+        assert!(trace.last().is_some_and(|sample| !water(sample) && !abrasive(sample)), "{script}");
+        let mut dry_us = 0;
+        for pair in trace.windows(2) {
+            let is_dry = abrasive(&pair[0]) && !water(&pair[0]);
+            dry_us = if is_dry { dry_us + pair[1].at_us - pair[0].at_us } else { 0 };
+            assert!(dry_us <= 350_000, "{script}: abrasive without water at {} us", pair[1].at_us);
+        }
+        if ends == "completed" {
+            assert_eq!((run.counts(), &run.report["not_cut_mm"]), (whole.counts(), &0.0.into()), "{script}");
+        }
+    }
+}
+
+/// At low pressure it pierces, and the feed begins at high pressure, as its input shows it; a jet that cuts at high
+/// pressure throughout waits for it before its water. A restart does the same.
+#[test]
+fn a_jet_pierces_at_low_pressure_and_cuts_at_high() {
+    let jet = "pressure = 6\njet = { pressure_input = 8, purge_s = 0.2 }";
+    let (water, high) = (|sample: &Sample| sample.is_on("out3"), |sample: &Sample| sample.is_on("out6"));
+    let is_high = |sample: &Sample| sample.inputs >> 8 & 1 == 1;
+    for (figures, pierces_low) in [("low_pressure_pierce = true", true), ("", false)] {
+        let (whole, _) = run(jet, figures, ("", ""));
+        whole.assert_exact_and_legal();
+        for script in [
+            "",
+            "at 4s hold\nafter 2s recover\nafter 3s recover\n",
+            "at 4s cutter off\nafter 2s recover\nafter 3s recover\n",
+        ] {
+            let (run, trace) = run(jet, figures, ("", script));
+            assert_eq!(
+                (run.counts(), &run.report["not_cut_mm"]),
+                (whole.counts(), &0.0.into()),
+                "{script} {}",
+                run.output.out
+            );
+            let mut openings = 0;
+            for pair in trace.windows(2) {
+                let (before, now) = (&pair[0], &pair[1]);
+                let feeds = before.counts[0] != now.counts[0] && water(before) && water(now) && now.rate > 0.0;
+                assert!(!feeds || is_high(now) || now.at_rest, "{script}: feeds at low pressure: {now:?}");
+                if water(now) && !water(before) {
+                    openings += 1;
+                    assert_eq!((high(now), is_high(now)), (!pierces_low, !pierces_low), "{script}: {now:?}");
+                }
+                if high(now) && !high(before) && pierces_low {
+                    assert!(water(now), "{script}: high pressure behind the pierce: {now:?}");
+                }
+            }
+            assert_eq!(openings, if script.is_empty() { 2 } else { 3 }, "{script}");
+            assert!(trace.last().is_some_and(|sample| !water(sample) && !high(sample)), "{script}");
+            if pierces_low {
+                let pierce_s = seconds(&trace, |sample| water(sample) && sample.inputs >> 5 & 1 == 1, high);
+                assert!((0.5..0.6).contains(&pierce_s), "{pierce_s} s of pierce");
+            }
+        }
+    }
+}
+
 /// The first millimetres are cut slowly, and the torch or the jet is off before the end; a report tells nothing as not
 /// cut that was to be dark.
 #[test]
@@ -167,6 +252,10 @@ fn a_jet_pierces_in_motion() {
 fn what_cannot_be_is_refused() {
     for (jet, figures, why) in [
         ("jet = { purge_s = 11 }", "", "jet.purge_s"),
+        ("jet = { abrasive_lead_s = 11 }", "", "jet.abrasive_lead_s"),
+        ("jet = { abrasive_lead_s = 1, abrasive_delay_s = 1 }", "", "exclude each other"),
+        ("jet = { pressure_input = 8 }", "", "without `pressure`"),
+        ("pressure = 6\njet = { pressure_input = 5 }", "", "another use"),
         ("", "off_before_mm = 3\nover_cut_mm = 2", "over_cut_mm"),
         ("", "creep_percent = 101", "creep_percent"),
     ] {

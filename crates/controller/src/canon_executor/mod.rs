@@ -5,6 +5,7 @@
 //! not have is rejected, and an unsupported function is rejected by name.
 
 mod entered_length;
+mod jet;
 mod switching;
 mod tool_height;
 

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use retrace_config::{CodeClass, CodeSwitching, CutterConfig, InReverse, ToolChange};
+use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
 use retrace_gcode::{Canon, CuttingSwitch, FeedMode};
 use retrace_link::{LayerMove, OutputChange, channel};
 
@@ -16,11 +16,11 @@ use crate::plan_writer::SwitchInstruction;
 
 /// What the start of a cutter has besides its switching.
 #[derive(Clone, Copy, Debug, Default)]
-struct CutStart {
+pub(super) struct CutStart {
     /// Moves of the layer: now, and at a restart.
-    layer: Option<[LayerMove; 2]>,
+    pub(super) layer: Option<[LayerMove; 2]>,
     /// Control periods by which the pierce of a restart is longer.
-    restart_pierce: u32,
+    pub(super) restart_pierce: u32,
 }
 
 impl<'m> CanonExecutor<'m> {
@@ -243,39 +243,7 @@ impl<'m> CanonExecutor<'m> {
         self.switch_auxiliary(of, OutputChange { channel: arm, value }, seconds, sink)
     }
 
-    /// Behind the opening of a jet: its abrasive, and the pierce.
-    fn start_abrasive<const A: usize>(
-        &mut self,
-        code: &'static str,
-        fire: u8,
-        line: u32,
-        sink: &mut impl MotionSink<A>,
-    ) -> Result<(), CanonError> {
-        let Some((cutter, abrasive)) = self.jet_with_abrasive(fire) else { return Ok(()) };
-        let pierce_s = self.material.as_ref().map_or(cutter.start.pierce_s, |material| material.pierce_delay_s);
-        self.switch_auxiliary((code, line), OutputChange { channel: abrasive, value: 1 }, pierce_s, sink)
-    }
-
-    /// Before a jet is closed: its abrasive off, and water alone.
-    fn purge<const A: usize>(
-        &mut self,
-        code: &'static str,
-        fire: u8,
-        line: u32,
-        sink: &mut impl MotionSink<A>,
-    ) -> Result<(), CanonError> {
-        let Some((cutter, abrasive)) = self.jet_with_abrasive(fire) else { return Ok(()) };
-        let purge_s = cutter.jet.map_or(0.0, |jet| jet.purge_s);
-        self.switch_auxiliary((code, line), OutputChange { channel: abrasive, value: 0 }, purge_s, sink)
-    }
-
-    /// The jet that this channel opens, and its abrasive, where the same code switches both.
-    fn jet_with_abrasive(&self, fire: u8) -> Option<(&'m CutterConfig, u8)> {
-        let cutter = self.machine.cutter_of(fire).filter(|cutter| cutter.jet.is_some())?;
-        Some((cutter, cutter.abrasive?))
-    }
-
-    fn switch_auxiliary<const A: usize>(
+    pub(super) fn switch_auxiliary<const A: usize>(
         &self,
         of: (&'static str, u32),
         change: OutputChange,
@@ -435,9 +403,10 @@ impl<'m> CanonExecutor<'m> {
         }
         let was_lit = self.cutters.is_lit(self.machine, change.channel);
         if change.value == 0 && was_lit && switching.class == CodeClass::Exclusive {
-            self.purge(code, change.channel, line, sink)?;
+            self.purge((code, line), change.channel, sink)?;
         } else if change.value != 0 && !was_lit {
             self.arm_marker((code, line), change, sink)?;
+            self.prepare_jet((code, line), change.channel, sink)?;
         }
         let layer = match switching.class {
             CodeClass::Exclusive => self.layer_moves(change)?,
@@ -451,13 +420,15 @@ impl<'m> CanonExecutor<'m> {
             (CodeClass::Synchronous, _) => sink.action(change, line),
             (CodeClass::Exclusive, _) => {
                 // A restart may pierce anywhere, at rest.
-                let restart_s = whole_pierce_s.filter(|_| in_motion && !was_lit && !self.machine.skips_waits());
+                let pierces = in_motion && !was_lit && !self.machine.skips_waits();
+                let restart_s = whole_pierce_s.filter(|_| pierces && !self.abrasive_follows(change.channel));
                 let restart_pierce = restart_s.map_or(0, |seconds| self.periods(seconds));
                 let start = CutStart { layer, restart_pierce };
                 self.exclusive((code, line), &[change], switching, start, sink)?;
             }
         }
         if change.value == 0 && was_lit {
+            self.lower_pressure((code, line), change.channel, sink)?;
             return self.arm_marker((code, line), change, sink);
         }
         if change.value == 0 || was_lit || switching.class == CodeClass::Synchronous {
@@ -466,10 +437,10 @@ impl<'m> CanonExecutor<'m> {
         if layer.is_some() {
             self.add_heights(line, sink);
         }
-        self.start_abrasive(code, change.channel, line, sink)
+        self.start_flow((code, line), change.channel, sink)
     }
 
-    fn exclusive<const A: usize>(
+    pub(super) fn exclusive<const A: usize>(
         &self,
         (code, line): (&'static str, u32),
         changes: &[OutputChange],

@@ -22,6 +22,11 @@ impl ManualOutputs {
         self.0.push(change);
     }
 
+    /// Whether a change was sent and is not reported yet.
+    pub(super) fn has_unreported(&self) -> bool {
+        !self.0.is_empty()
+    }
+
     /// Removes the changes that are reported.
     fn remove_reported(&mut self, outputs: &Outputs) {
         self.0.retain(|change| outputs.get(usize::from(change.channel)) != Some(&change.value));

@@ -488,6 +488,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_tool_height(status);
         self.map_period(status);
         self.watch_cutter_states(status);
+        self.watch_leading_abrasive(status);
         self.watch_test_pulse(status);
         let mode = self.mode_controller.mode();
         let held = self.mode_controller.is_held()

@@ -6,7 +6,8 @@
 
 use retrace_core::mode::Mode;
 use retrace_link::{
-    CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, OutputChange, Outputs, RepeatedInstruction, channel,
+    CardStatus, CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, OutputChange, Outputs,
+    RepeatedInstruction, channel,
 };
 
 use super::{ProgramStop, Session};
@@ -228,7 +229,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         for at in (0..self.config.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
             let channel = self.config.cutter_channels[at];
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
-            self.stop_abrasive(channel, CutterOffReason::Card(off.cause));
+            self.stop_flow(channel, CutterOffReason::Card(off.cause));
         }
         if matches!(off.cause, CutterOffCause::NoSheet | CutterOffCause::SheetContact)
             && let Some(channel) = self.recovery.machine().tool_layer().map(|layer| layer.fire)
@@ -287,17 +288,37 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             } else {
                 self.switch_off(channel, reason);
             }
-            self.stop_abrasive(channel, reason);
+            self.stop_flow(channel, reason);
         }
         if self.config.fire_channels.iter().any(|&channel| self.restart.switches_on(channel)) {
             self.cancel_restart();
         }
     }
 
-    /// Stops the abrasive of a jet that is off: without water it would clog the mixing tube (CUT-19).
-    fn stop_abrasive(&mut self, fire: u8, reason: CutterOffReason) {
-        if let Some(abrasive) = self.recovery.cutter(fire).and_then(|cutter| cutter.abrasive) {
-            self.switch_off(abrasive, reason);
+    /// Stops what belongs to a jet that is off: its abrasive, which would clog the mixing tube without water, and its
+    /// pressure, as the next start may pierce at a low one (CUT-18, CUT-19).
+    fn stop_flow(&mut self, fire: u8, reason: CutterOffReason) {
+        let Some(cutter) = self.recovery.cutter(fire) else { return };
+        let (abrasive, pressure) = (cutter.abrasive, cutter.pressure.filter(|_| cutter.jet.is_some()));
+        for channel in [abrasive, pressure].into_iter().flatten() {
+            self.switch_off(channel, reason);
+        }
+    }
+
+    /// Stops an abrasive that is on before its water where the machine is held in between.
+    pub(super) fn watch_leading_abrasive(&mut self, status: &CardStatus<A>) {
+        let is_busy = self.executing.is_some() || self.restart.is_active();
+        // The end of the job switches off everything.
+        if !self.mode_controller.is_held() || is_busy || self.phase.is_stopping() {
+            return;
+        }
+        let is_on = |channel: u8| status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
+        for at in 0..self.config.fire_channels.len() {
+            let fire = self.config.fire_channels[at];
+            let abrasive = self.recovery.cutter(fire).filter(|cutter| cutter.jet.is_some()).and_then(|of| of.abrasive);
+            if abrasive.is_some_and(is_on) && !is_on(fire) {
+                self.stop_flow(fire, CutterOffReason::Card(CutterOffCause::Standing));
+            }
         }
     }
 
@@ -329,8 +350,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // It is off at the pins once a period has passed.
         let mut on = self.output_on_at_end();
         self.switch_off_at_end(reason);
+        // Something else may have switched it off in this period.
+        let mut was_switched = self.manual_outputs.has_unreported();
         for _ in 0..MAX_PERIODS_TO_REPORT {
-            if on.is_none() {
+            if on.is_none() && !std::mem::take(&mut was_switched) {
                 return Ok(());
             }
             // What a card that fails reports is not known.
