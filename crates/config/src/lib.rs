@@ -71,5 +71,5 @@ pub use material_table::MaterialTable;
 pub use numbered_error::{NumberedError, nearest};
 pub use rate_limits::{IN_FLIGHT_RECORDS, StoppingTimes};
 pub use serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
-pub use sheet_sensing::{SheetSensing, ToolLayer};
+pub use sheet_sensing::{SheetSensing, TipUp, ToolLayer};
 pub use switching::{CodeClass, CodeSettings, CodeSwitching, InReverse, SwitchingTable, UserCode, WaitsFor};

@@ -10,6 +10,17 @@ use crate::axis::AxisConfig;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
+/// Height behind a contour that ends in an area that was cut before (CUT-14).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TipUp {
+    /// The safe height, as anywhere else.
+    #[default]
+    Safe,
+    /// The retract height.
+    Retract,
+}
+
 /// Sensing of the sheet, `sense` of a `[[cutter]]`.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -46,6 +57,11 @@ pub struct SheetSensing {
     /// Height in mm over the sheet between two contours.
     #[schemars(range(min = 0.0, max = 500.0))]
     pub safe_mm: f64,
+    /// Height of the rapids behind a contour that ends in an area cut before, where a part may have tipped up.
+    pub tip_up: TipUp,
+    /// That height in mm over the sheet, with `tip_up = "retract"`.
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub retract_mm: f64,
     /// Height in mm over the sheet to which the tool is lifted where a cut was interrupted, and at which the path is
     /// retraced. 0: it is not lifted.
     #[schemars(range(min = 0.0, max = 500.0))]
@@ -69,6 +85,8 @@ impl Default for SheetSensing {
             probe_mm_per_s: 8.0,
             latch_mm_per_s: 1.0,
             safe_mm: 15.0,
+            tip_up: TipUp::Safe,
+            retract_mm: 40.0,
             lift_mm: 10.0,
             float_travel_mm: 0.0,
         }
@@ -96,6 +114,7 @@ impl SheetSensing {
         within(&named("probe_mm_per_s"), self.probe_mm_per_s, 0.1, 100.0)?;
         within(&named("latch_mm_per_s"), self.latch_mm_per_s, 0.05, 20.0)?;
         within(&named("safe_mm"), self.safe_mm, 0.0, 500.0)?;
+        within(&named("retract_mm"), self.retract_mm, 0.0, 500.0)?;
         within(&named("lift_mm"), self.lift_mm, 0.0, 500.0)?;
         within(&named("ohmic_tries"), f64::from(self.ohmic_tries), 0.0, 20.0)?;
         within(&named("ohmic_offset_mm"), self.ohmic_offset_mm, -10.0, 10.0)?;
@@ -196,6 +215,12 @@ impl<'m> ToolLayer<'m> {
     pub fn first_lift(&self, path_mm: f64) -> Option<LayerMove> {
         let safe_mm = (self.sensing.sheet_mm + self.sensing.safe_mm).min(self.axis.travel_mm[1]);
         (path_mm < safe_mm).then(|| LayerMove::To { layer: self.pulses(safe_mm - path_mm) })
+    }
+
+    /// Whether the tool is retracted behind a contour that ends in an area cut before.
+    #[must_use]
+    pub fn retracts(&self) -> bool {
+        self.sensing.tip_up == TipUp::Retract
     }
 
     /// How the sheet is sensed.

@@ -43,4 +43,5 @@ mod start_points;
 mod state_files;
 mod stop_signals;
 mod streams;
+mod tip_up;
 mod tool_length;

@@ -4,6 +4,7 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else. A move of an axis that the machine does
 //! not have is rejected, and an unsupported function is rejected by name.
 
+mod cut_areas;
 mod entered_length;
 mod jet;
 mod switching;
@@ -20,6 +21,7 @@ use crate::cutter_track::CutterTrack;
 use crate::motion_sink::MotionSink;
 use crate::spline::chords;
 
+use cut_areas::CutAreas;
 use entered_length::LengthCorrection;
 pub(crate) use tool_height::HEIGHT;
 use tool_height::LayerState;
@@ -100,6 +102,8 @@ pub(crate) struct CanonExecutor<'m> {
     layer: LayerState,
     /// Where the sheet was sensed last, X and Y, and the path of the tool axis there, in mm.
     sensed_at: Option<[f64; 3]>,
+    /// What the contours have enclosed, where the height behind them depends on it.
+    cut_areas: Option<CutAreas>,
 }
 
 impl<'m> CanonExecutor<'m> {
@@ -132,6 +136,7 @@ impl<'m> CanonExecutor<'m> {
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,
             sensed_at: None,
+            cut_areas: machine.tool_layer().filter(|layer| layer.retracts()).map(|_| CutAreas::default()),
         }
     }
 
@@ -290,6 +295,7 @@ impl<'m> CanonExecutor<'m> {
         self.layer_before_move(&own, is_rapid, line, sink)?;
         sink.straight(own, feed, self.path, line)?;
         self.record_move_end(position, &really);
+        self.follow_contour();
         Ok(())
     }
 
@@ -338,6 +344,9 @@ impl<'m> CanonExecutor<'m> {
         self.layer_before_move(&own.end_mm, false, line, sink)?;
         sink.arc(&own, self.feed(), self.path, line)?;
         self.record_move_end(position, &really);
+        if let Some(areas) = self.cut_areas.as_mut().filter(|_| arc.plane == Plane::Xy) {
+            areas.follow_arc([centre[Axis::X], centre[Axis::Y]], arc.turns, [really[Axis::X], really[Axis::Y]]);
+        }
         Ok(())
     }
 
@@ -367,6 +376,7 @@ impl<'m> CanonExecutor<'m> {
                 sink.straight(before, feed, inside, line)?;
             }
             self.record_move_end(position, &really);
+            self.follow_contour();
             Ok::<(), CanonError>(())
         })?;
         match held {

@@ -3,9 +3,11 @@
 //! Invariant: no rapid move is made with the cutter off at the height of its cut, and no move of the tool axis while
 //! the layer may not be 0.
 
+use retrace_config::ToolLayer;
 use retrace_gcode::Axis;
 use retrace_link::{LayerMove, OutputChange};
 
+use super::cut_areas::CutAreas;
 use super::{CanonError, CanonExecutor};
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::SwitchInstruction;
@@ -40,20 +42,34 @@ impl CanonExecutor<'_> {
             return Ok(self.dry_lift(layer.first_lift(path_mm)).map(|lift| [lift; 2]));
         }
         if change.value == 0 {
-            self.layer = LayerState::Safe;
-            return Ok(Some([layer.lift(path_mm); 2]));
+            return Ok(Some([self.lift_behind_contour(layer, path_mm); 2]));
         }
         let heights = self.material.as_ref().map(|of| (of.pierce_height_mm, of.cut_height_mm));
         let Some((pierce_mm, cut_mm)) = heights.filter(|&(pierce_mm, cut_mm)| pierce_mm > 0.0 && cut_mm > 0.0) else {
             return Err(CanonError::NotSupported("a cut by a material without heights, whose sheet is sensed,"));
         };
         self.layer = LayerState::AtCut;
+        let at = self.actual_position();
+        self.cut_areas.iter_mut().for_each(|areas| areas.begin([at[Axis::X], at[Axis::Y]]));
         // Where other heights follow beside the motion, that begins at the height of the pierce.
         let first_mm = if self.later_heights(pierce_mm).is_empty() { cut_mm } else { pierce_mm };
         let may_skip = self.skips_sensing(path_mm, layer.sensing().skip_mm);
         // A restart senses, and what it finds counts for no later start.
         let [now, restart] = [(first_mm, may_skip), (cut_mm, true)];
         Ok(Some([now, restart].map(|(mm, may_skip)| layer.start(path_mm, [pierce_mm, mm], may_skip))))
+    }
+
+    /// The move behind the end of a contour: to the safe height, or to the retract height in an area that is cut.
+    fn lift_behind_contour(&mut self, layer: ToolLayer<'_>, path_mm: f64) -> LayerMove {
+        self.layer = LayerState::Safe;
+        let is_inside = self.cut_areas.as_mut().is_some_and(CutAreas::end);
+        if is_inside { layer.over_sheet(path_mm, layer.sensing().retract_mm) } else { layer.lift(path_mm) }
+    }
+
+    /// Follows the contour that is being cut to the end of the last move.
+    pub(super) fn follow_contour(&mut self) {
+        let at = self.actual_position();
+        self.cut_areas.iter_mut().for_each(|areas| areas.follow([at[Axis::X], at[Axis::Y]]));
     }
 
     /// Whether the place of this start is near the one at which the sheet was sensed last. Where it is not, the sheet
@@ -130,7 +146,7 @@ impl CanonExecutor<'_> {
         }
         let moves = match self.layer {
             _ if !is_rapid || self.cutters.is_lit(self.machine, layer.fire) => None,
-            LayerState::AtCut => Some(layer.lift(path_mm)),
+            LayerState::AtCut => Some(self.lift_behind_contour(layer, path_mm)),
             // The program begins near the sheet, where a job was stopped for example.
             LayerState::Zero => layer.first_lift(path_mm),
             LayerState::Safe => None,
