@@ -84,21 +84,21 @@ impl OutputOrigins {
     }
 
     /// Records a dwell before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
-    /// belongs to the start of the cutter.
+    /// belongs to the start of the cutter: to what of it was switched last, and not to the abrasive that leads a jet.
     pub(crate) fn record_dwell(&mut self, place: RecordIndex, periods: u32, expected: &Outputs, cutting: &[u8]) {
-        for &channel in cutting {
-            let at = usize::from(channel);
-            if let (Some([_, origin]), Some(&value)) = (self.of.get_mut(at), expected.get(at))
-                && value != 0
-                && origin.sequence != 0
-                && origin.place == place
-            {
-                match &mut origin.until {
-                    Some(InputWait { ignition: Some(ignition), .. }) => {
-                        ignition.delay_periods = ignition.delay_periods.saturating_add(periods);
-                    }
-                    _ => origin.periods = origin.periods.saturating_add(periods),
+        let is_on = |channel: u8| expected.get(usize::from(channel)).is_some_and(|&value| value != 0);
+        let started = |origin: &OutputOrigin| origin.sequence != 0 && origin.place == place;
+        let sequence = |&channel: &u8| self.of.get(usize::from(channel)).map_or(0, |[_, origin]| origin.sequence);
+        let Some(&last) = cutting.iter().filter(|&&channel| is_on(channel)).max_by_key(|channel| sequence(channel))
+        else {
+            return;
+        };
+        if let Some([_, origin]) = self.of.get_mut(usize::from(last)).filter(|[_, origin]| started(origin)) {
+            match &mut origin.until {
+                Some(InputWait { ignition: Some(ignition), .. }) => {
+                    ignition.delay_periods = ignition.delay_periods.saturating_add(periods);
                 }
+                _ => origin.periods = origin.periods.saturating_add(periods),
             }
         }
     }
@@ -218,6 +218,19 @@ mod tests {
         let codes: Vec<_> = all.iter().map(|(code, ..)| *code).collect();
         assert_eq!(codes, ["output", "M9", "output", "M3"], "{all:?}");
         assert_eq!(all[0].1, vec![change(3, 0)]);
+    }
+
+    #[test]
+    fn a_dwell_is_the_pierce_of_what_was_switched_last_and_an_abrasive_leads_as_before() {
+        let (mut origins, place) = (OutputOrigins::default(), RecordIndex::new(70));
+        origins.record_switching(&[change(4, 1)], ("M3", 2, place), (300, None, None));
+        origins.record_switching(&[change(3, 1)], ("M3", 2, place), (0, None, None));
+        let wants = outputs(&[(3, 1), (4, 1)]);
+        origins.record_dwell(place, 500, &wants, &[3, 4]);
+        let mut steps = Vec::new();
+        origins.plan_restart(&outputs(&[]), &wants, &[3, 4], |_| true, &mut steps);
+        let order: Vec<(u8, u32)> = steps.iter().map(|step| (step.changes()[0].channel, step.periods)).collect();
+        assert_eq!(order, [(4, 300), (3, 500)]);
     }
 
     #[test]
