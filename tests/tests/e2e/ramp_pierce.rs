@@ -134,6 +134,25 @@ fn a_ramp_is_cut_from_the_arc_on_with_its_heights_and_feed_rates() {
     }
 }
 
+/// The heights belong to places of the path: they are the same at any override.
+#[test]
+fn the_heights_of_a_ramp_are_at_the_same_places_at_any_override() {
+    for percent in [100, 50, 30] {
+        let bench = bench(&program(M159, "m159 p609\n"), MATERIALS);
+        let (run, trace) = run(&bench, "", &format!("at 1s override {percent}%\n"));
+        assert_eq!((&run.report["outcome"], run.number("not_cut_mm")), (&"completed".into(), 0.0), "{percent}");
+        let first = lit(&trace)[0];
+        let leaves = |from: i64| {
+            let place = first.iter().find(|sample| height(sample) < from).expect("it falls").place;
+            place - first[0].place
+        };
+        for (from, at) in [(PIERCE, 200.0), (RAMP, 1000.0)] {
+            let late = leaves(from) - at;
+            assert!((0.0..7.0).contains(&late), "{percent}: {from} is left {late} records behind {at}");
+        }
+    }
+}
+
 /// A contour that is shorter than its ramp leaves none of its heights behind for the next one.
 #[test]
 fn a_contour_shorter_than_its_ramp_leaves_nothing_behind() {
