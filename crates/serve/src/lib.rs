@@ -16,6 +16,7 @@
 
 mod assets;
 mod command_words;
+mod connection;
 mod control;
 mod dead_man;
 mod failure;

@@ -12,9 +12,9 @@ use axum::response::{IntoResponse, Response};
 use retrace_config::NumberedError;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::net::SocketAddr;
 use std::time::Instant;
 
+use crate::connection::Peer;
 use crate::failure::{failure, store_failure};
 use crate::hello::hello;
 use crate::server_state::{Server, Shared};
@@ -48,7 +48,7 @@ pub(crate) struct Login {
 
 pub(crate) async fn begin_session(
     State(server): Shared,
-    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    ConnectInfo(Peer(peer)): ConnectInfo<Peer>,
     Json(login): Json<Login>,
 ) -> Response {
     let begun = server.sessions().begin(&login.token, peer.ip(), Instant::now());

@@ -4,7 +4,7 @@
 //! [`ServeHandle::is_stuck`] says so, and whoever operates the machine holds it.
 
 use std::io;
-use std::net::{SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -19,6 +19,7 @@ use retrace_tui::ScreenModel;
 use tokio::time::MissedTickBehavior;
 
 use crate::assets::page_file;
+use crate::connection::{BoundedListener, Peer};
 use crate::guard::{Guard, guard_requests};
 use crate::host::{ServeHost, ServeOptions};
 use crate::identity::ServeIdentity;
@@ -118,8 +119,8 @@ async fn publish(server: &Server, ends: &AtomicBool) {
 }
 
 async fn serve(listener: TcpListener, guard: Guard, server: Arc<Server>) -> io::Result<()> {
-    let listener = tokio::net::TcpListener::from_std(listener)?;
-    let app = router(guard, server).into_make_service_with_connect_info::<SocketAddr>();
+    let listener = BoundedListener::new(tokio::net::TcpListener::from_std(listener)?);
+    let app = router(guard, server).into_make_service_with_connect_info::<Peer>();
     axum::serve(listener, app).await
 }
 

@@ -485,6 +485,39 @@ fn only_the_page_itself_with_a_session_is_answered() {
     assert_eq!(server.sign_in(&server.token).expect_err("it must wait").status, 429);
 }
 
+/// Connections that send a byte now and then, and more of them than there is room for: pages that are open hold the
+/// machine all the same, and the connections end by themselves.
+#[test]
+fn slow_connections_end_by_themselves_and_disturb_no_page() {
+    use std::io::{Read as _, Write as _};
+    let bench = Bench::new();
+    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let open = |_| {
+        let mut stream = std::net::TcpStream::connect(&server.host).expect("the system accepts it");
+        stream.write_all(b"GET / HTTP/1.1\r\nX-Slow: ").expect("sent");
+        stream
+    };
+    let mut slow: Vec<_> = (0..200).map(open).collect();
+    done(&page.order("cycle start"));
+    page.wait_until("20 mm", |page| page.machine_mm(0) > 20.0);
+    page.send(&json!({"t": "hold"}));
+    page.wait_until("rest", |page| page.last("state")["word"] == "FEED HOLD");
+    // Those that have no room yet have theirs when the first ones have ended.
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(25) {
+        slow.iter_mut().for_each(|stream| drop(stream.write_all(b"x")));
+        page.listen(Duration::from_millis(500));
+    }
+    assert_eq!(server.request("GET", "/", &[], b"").status, 200, "there is room again");
+    let has_ended = |stream: &mut std::net::TcpStream| {
+        let _ = stream.set_read_timeout(Some(Duration::from_millis(1)));
+        matches!(stream.read(&mut [0; 4096]), Ok(0)) || stream.write_all(b"x").is_err()
+    };
+    assert_eq!(slow.iter_mut().map(has_ended).filter(|&ended| ended).count(), 200);
+    done(&page.order("stop"));
+    page.wait_for_word("ENDED");
+}
+
 /// What prevents the command from serving, and more pages than there is room for.
 #[test]
 fn the_command_says_why_it_cannot_serve() {
