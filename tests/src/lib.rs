@@ -3,6 +3,7 @@
 //! Invariant: nothing of retrace itself is used here; only the command's output is checked.
 #![forbid(unsafe_code)]
 
+pub mod browser;
 pub mod command;
 pub mod cut_judge;
 pub mod cut_part;
@@ -11,6 +12,7 @@ pub mod json_page;
 pub mod limits;
 pub mod not_run;
 pub mod page_client;
+pub mod page_user;
 pub mod pins;
 pub mod programs;
 pub mod records;

@@ -77,8 +77,9 @@ const ARROWS: &[Arrows] = &[
     arrows("verification/Cargo.toml", &["card", "core", "link"]),
     arrows("verification/loom/Cargo.toml", &["config", "core", "journal"]),
     arrows("verification/shuttle/Cargo.toml", &["core"]),
-    // The end-to-end tests see the command alone, so that they judge it with nothing of its own.
-    arrows("tests/Cargo.toml", &[]),
+    // The end-to-end tests see the command alone, so that they judge it with nothing of its own. The task support finds
+    // them a browser.
+    arrows("tests/Cargo.toml", &["task-support"]),
     // The judge of cuts has nothing of ours and nothing of others.
     Arrows { outside: false, ..arrows("tests/judge/Cargo.toml", &[]) },
     arrows("bench/Cargo.toml", &["task-support"]),

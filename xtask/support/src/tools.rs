@@ -51,3 +51,18 @@ pub fn variable(name: &str) -> Option<PathBuf> {
 pub fn home() -> Option<PathBuf> {
     variable("HOME")
 }
+
+/// Names of the browsers that can be driven, the most usual first.
+const BROWSERS: [&str; 6] = [
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome-headless-shell",
+    "microsoft-edge",
+];
+
+/// A browser of the Chromium family: `RETRACE_BROWSER`, or the first of the usual names on PATH.
+pub fn browser() -> Option<PathBuf> {
+    variable("RETRACE_BROWSER").or_else(|| BROWSERS.into_iter().find_map(on_path))
+}
