@@ -26,10 +26,10 @@ Developer tasks of retrace.
 Usage: cargo xtask <TASK>
 
 Tasks:
-  test   everything a change must pass: format, tidy, clippy, tests, doc tests, rustdoc
+  test   everything a change must pass: format, tidy, clippy, tests, the page in a browser, doc tests, rustdoc
            --list          name the steps and leave
            --only STEP     run this step only; may be given more than once
-           --require peers a test whose peer (rs274, programs of others) is missing fails; else it is NOT RUN
+           --require peers a test whose peer (rs274, programs of others, a browser) is missing fails; else it is NOT RUN
   tidy   the project's own rules, which no other tool knows
            --list          name the checks and leave
   campaign NAME   a random end-to-end test with its own seed and more cases; results go into docs/campaigns.md

@@ -3,7 +3,7 @@
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
 use crate::{firmware, tidy};
-use retrace_task_support::process;
+use retrace_task_support::{process, tools};
 use retrace_verify as verify;
 use std::io::{BufRead, BufReader, Write};
 use std::num::NonZero;
@@ -38,6 +38,11 @@ pub(crate) const STEPS: &[Step] = &[
     Step { name: "clippy", purpose: "no warning in any target", run: clippy },
     Step { name: "test", purpose: "unit, integration and end-to-end tests", run: tests },
     Step {
+        name: "browser",
+        purpose: "the page of `retrace serve` in a real browser, used as a person uses it",
+        run: browser_step,
+    },
+    Step {
         name: "verify",
         purpose: "the properties of verification/ hold, as far as a quick run goes",
         run: verify_step,
@@ -54,6 +59,9 @@ pub(crate) const STEPS: &[Step] = &[
 /// Runs the steps named in `only`, or all of them, and returns whether all passed.
 pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
     let mut rows: Vec<(&str, Outcome, Duration)> = Vec::new();
+    if tools::browser().is_none() && (only.is_empty() || only.contains(&"browser")) {
+        println!("NOT RUN  browser: {NO_BROWSER}");
+    }
     for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
         println!("--- {}: {}", step.name, step.purpose);
         let started = Instant::now();
@@ -62,7 +70,11 @@ pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
     }
     println!("\n{:<8} {:<7} {:>8}", "step", "result", "seconds");
     for (name, outcome, took) in &rows {
-        let result = if outcome.passed { "passed" } else { "FAILED" };
+        let result = match outcome.passed {
+            false => "FAILED",
+            true if outcome.remark.starts_with("NOT RUN") => "NOT RUN",
+            true => "passed",
+        };
         println!("{:<8} {:<7} {:>8.1}  {}", name, result, took.as_secs_f64(), outcome.remark);
     }
     rows.iter().all(|(_, outcome, _)| outcome.passed)
@@ -104,9 +116,36 @@ fn tests(root: &Path, settings: &Settings) -> Outcome {
     without_those_not_run(outcome, &std::fs::read_to_string(&list).unwrap_or_default())
 }
 
+/// Why the step `browser` does not run.
+const NO_BROWSER: &str = "no browser: neither RETRACE_BROWSER nor chromium on PATH";
+
+/// At most so many browsers at a time: each has some processes, and the page draws in software.
+const BROWSERS: usize = 3;
+
+/// The tests of the page in a browser.
+fn browser_step(root: &Path, settings: &Settings) -> Outcome {
+    if tools::browser().is_none() {
+        return Outcome { passed: !settings.require_peers, remark: format!("NOT RUN: {NO_BROWSER}") };
+    }
+    let binary = match build_command(root) {
+        Ok(binary) => binary,
+        Err(remark) => return Outcome { passed: false, remark },
+    };
+    let list = root.join("target/browser-not-run.txt");
+    // a list of the run before would be counted again
+    let _ = std::fs::remove_file(&list);
+    let mut command = process::cargo(root, &["test", "--package", "retrace-tests", "--test", "browser"]);
+    command.args(["--", "--test-threads", &BROWSERS.to_string()]);
+    if settings.require_peers {
+        command.env("RETRACE_REQUIRE_PEERS", "1");
+    }
+    let outcome = count_tests(command.env("RETRACE_BIN", binary).env("RETRACE_NOT_RUN", &list));
+    without_those_not_run(outcome, &std::fs::read_to_string(&list).unwrap_or_default())
+}
+
 /// The peers that tests compare with and that are not here.
 fn peers_missing() -> Vec<&'static str> {
-    let is_there = retrace_task_support::tools::on_path("rs274").is_some();
+    let is_there = tools::on_path("rs274").is_some();
     let programs = std::env::var_os("RETRACE_PROGRAMS").is_some();
     let peers =
         [(is_there, "rs274 (LinuxCNC) is not on PATH"), (programs, "RETRACE_PROGRAMS names no folder of programs")];
