@@ -1,12 +1,13 @@
 //! `cargo xtask figures`: generates every picture of README and docs.
 //!
-//! Invariant: a picture that is not measured depends on this checkout alone, so that generating it again changes
-//! nothing.
+//! Invariant: a picture that is neither measured nor of a screen depends on this checkout alone, so that generating it
+//! again changes nothing.
 
-use retrace_task_support::process;
+use crate::suite;
+use retrace_task_support::{process, tools};
 use std::fs;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 
 /// Folder of the pictures.
 pub(crate) const FOLDER: &str = "docs/figures";
@@ -24,6 +25,9 @@ enum Made {
     Plot(&'static [&'static str]),
     /// An example of a package prints it.
     Example { package: &'static str, example: &'static str },
+    /// A picture of the page in a browser, which an example of the tests prints. Its figures and texts differ a little
+    /// from run to run.
+    Page { example: &'static str },
     /// A bench draws its measurement; such a picture is not generated here.
     Bench(&'static str),
 }
@@ -42,6 +46,7 @@ pub(crate) const FIGURES: &[Figure] = &[
     },
     Figure { file: "12-corners-profile.svg", made: Made::Plot(&["examples/12-corners.ngc", "--profile"]) },
     Figure { file: "corner.svg", made: Made::Example { package: "retrace-motion", example: "corner_figure" } },
+    Figure { file: "page.png", made: Made::Page { example: "page_picture" } },
     Figure { file: "pre-scan.svg", made: Made::Bench("pre9") },
 ];
 
@@ -75,6 +80,13 @@ impl Figure {
                 let picture = printed(root, &["-p", package, "--example", example])?;
                 fs::write(root.join(path), picture).map_err(|error| error.to_string())
             }
+            Made::Page { .. } if tools::browser().is_none() => return Ok(Some("NOT RUN: no browser".into())),
+            Made::Page { example } => {
+                let binary = suite::build_command(root)?;
+                let mut command = process::cargo(root, &["run", "-q", "-p", "retrace-tests", "--example", example]);
+                let picture = output_of(command.env("RETRACE_BIN", binary))?;
+                fs::write(root.join(path), picture).map_err(|error| error.to_string())
+            }
             Made::Bench(name) => return Ok(Some(format!("measured: `cargo xtask bench {name}` draws it"))),
         }
         .map(|()| None)
@@ -87,8 +99,12 @@ fn retrace(root: &Path, arguments: &[&str]) -> Result<(), String> {
 
 /// Output of `cargo run`.
 fn printed(root: &Path, arguments: &[&str]) -> Result<Vec<u8>, String> {
-    let mut command = process::cargo(root, &["run", "-q", "--release"]);
-    command.args(arguments).stdin(Stdio::null());
+    output_of(process::cargo(root, &["run", "-q", "--release"]).args(arguments))
+}
+
+/// Output of a command that must succeed.
+fn output_of(command: &mut Command) -> Result<Vec<u8>, String> {
+    command.stdin(Stdio::null());
     let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     if output.status.success() { Ok(output.stdout) } else { Err(output.status.to_string()) }
 }
