@@ -120,7 +120,7 @@ fn tests(root: &Path, settings: &Settings) -> Outcome {
 const NO_BROWSER: &str = "no browser: neither RETRACE_BROWSER nor chromium on PATH";
 
 /// At most so many browsers at a time: each has some processes, and the page draws in software.
-const BROWSERS: usize = 3;
+const BROWSERS: usize = 5;
 
 /// The tests of the page in a browser.
 fn browser_step(root: &Path, settings: &Settings) -> Outcome {
