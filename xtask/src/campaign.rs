@@ -178,6 +178,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 20,
     },
     Campaign {
+        name: "page-requests",
+        purpose: "hostile requests to the page's server change nothing, and its memory is bounded",
+        test: ["retrace-tests", "page_hostile", "hostile_requests_change_nothing"],
+        asked: BY_SEED,
+        full: 10_000,
+        slice: 200,
+    },
+    Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
         test: ["retrace-link", "testsuite", "decoder::"],
