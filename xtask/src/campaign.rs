@@ -186,6 +186,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 200,
     },
     Campaign {
+        name: "page",
+        purpose: "a long program on the page in a browser: first picture, pictures a second, memory, from finger to \
+            hold",
+        test: ["retrace-tests", "browser", "million::"],
+        asked: END_TO_END,
+        full: 1_000_000,
+        slice: 100_000,
+    },
+    Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
         test: ["retrace-link", "testsuite", "decoder::"],
@@ -200,7 +209,8 @@ pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bo
     let [package, file, test] = campaign.test;
     let cases = if full { campaign.full } else { campaign.slice };
     println!("campaign {}: {} ({cases} cases, seed {seed})", campaign.name, campaign.purpose);
-    let arguments = ["test", "--release", "--package", package, "--test", file, "--", test, "--nocapture"];
+    let arguments =
+        ["test", "--release", "--package", package, "--test", file, "--", test, "--nocapture", "--include-ignored"];
     let mut command = process::cargo(root, &arguments);
     let [count, first] = campaign.asked;
     command.env(count, cases.to_string()).env(first, seed.to_string()).env_remove("RETRACE_BIN");

@@ -5,6 +5,7 @@
 
 mod control;
 mod layout;
+mod million;
 mod motion;
 mod program_view;
 mod retrace_by_bar;
