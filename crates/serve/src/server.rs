@@ -82,6 +82,8 @@ pub fn start(
     let guard = Guard::new(address.port(), options.name.as_deref());
     let desk = OperatorDesk::new(model, host, options.folders.clone(), options.lost_control);
     let server = Arc::new(Server::new(desk, identity, options));
+    // The first request is answered with a state, however early it comes.
+    let _ = server.desk.advance();
     let ends = Arc::new(AtomicBool::new(false));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
