@@ -145,6 +145,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 12,
     },
     Campaign {
+        name: "cut-ends",
+        purpose: "jobs on a torch that end in twelve ways at any moment, each: the torch is off behind the end, or \
+            within the watchdog where the host or the line is gone",
+        test: ["retrace-tests", "cut_ends", ""],
+        asked: BY_SEED,
+        full: 100,
+        slice: 1,
+    },
+    Campaign {
         name: "starts",
         purpose: "cutters whose attempts fail with a probability: three attempts at most, as many starts without an \
             arc as the cube of it, and no feed before a start is complete",

@@ -374,6 +374,10 @@ fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
     };
     let contours = match (stats.contours, stats.contours_not_cut) {
         (0, _) => String::new(),
+        // The last one may be cut in part only.
+        (contours, 0) if !matches!(outcome, Outcome::Completed) => {
+            format!(" · {contours} contour{} begun", if contours == 1 { "" } else { "s" })
+        }
         (1, 0) => " · 1 contour cut".into(),
         (contours, 0) => format!(" · {contours} contours cut"),
         (contours, not_cut) => format!(" · {not_cut} of {contours} contours NOT cut through"),

@@ -186,7 +186,7 @@ fn in_foreground() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::DifferingOutputs;
+    use retrace_controller::{DifferingOutput, DifferingOutputs};
     use retrace_core::Place;
 
     fn event(kind: EventKind) -> Event {
@@ -205,7 +205,7 @@ mod tests {
         let change = prompt(EventKind::ToolChange(3)).expect("it waits");
         assert!(change.contains("insert tool 3 (end mill)"), "{change}");
         assert!(prompt(EventKind::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
-        let differ = DifferingOutputs::first(&mut [(3, 0, 1)].into_iter());
+        let differ = DifferingOutputs::first(&mut [DifferingOutput::new(3, 0, 1)].into_iter());
         assert!(prompt(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Confirm));
         assert_eq!((prompt(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));

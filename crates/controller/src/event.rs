@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 
 use crate::contour_list::RestoredContour;
 use crate::cutter_state::CutterState;
+use crate::differing_outputs::DifferingOutputs;
 use crate::dnc_events::DncEvent;
 use crate::operator::{CommandError, LeadShape, OperatorCommand, StartSide};
 
@@ -55,34 +56,6 @@ impl std::error::Error for CardError {}
 impl<F: CardFailure> From<F> for CardError {
     fn from(fault: F) -> Self {
         Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
-    }
-}
-
-/// Maximum number of outputs in one event.
-const LISTED: usize = 8;
-
-/// Outputs that differ: channel, actual value, expected value. Further outputs are in further events.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct DifferingOutputs {
-    list: [(u8, i32, i32); LISTED],
-    count: u8,
-}
-
-impl DifferingOutputs {
-    /// Takes the first outputs of a list; the rest remains in it.
-    pub fn first(list: &mut impl Iterator<Item = (u8, i32, i32)>) -> Self {
-        let mut some = Self::default();
-        for (slot, output) in some.list.iter_mut().zip(list) {
-            *slot = output;
-            some.count += 1;
-        }
-        some
-    }
-
-    /// The list.
-    #[must_use]
-    pub fn list(&self) -> &[(u8, i32, i32)] {
-        &self.list[..usize::from(self.count)]
     }
 }
 
@@ -335,7 +308,15 @@ impl Event {
                 let list: Vec<Value> = some
                     .list()
                     .iter()
-                    .map(|(c, is, want)| json!({"channel": c, "actual": is, "expected": want}))
+                    .map(|of| {
+                        json!({
+                            "channel": of.channel,
+                            "actual": of.actual,
+                            "expected": of.expected,
+                            "code": Some(of.code).filter(|code| !code.is_empty()),
+                            "line": Some(of.line).filter(|&line| line != 0),
+                        })
+                    })
                     .collect();
                 json!({"event": "outputs_differ", "outputs": list})
             }
@@ -464,7 +445,10 @@ impl Event {
                 let list: Vec<String> = some
                     .list()
                     .iter()
-                    .map(|(c, is, want)| format!("{} is {is}, program wants {want}", channel_name(*c)))
+                    .map(|of| {
+                        let (name, origin) = (channel_name(of.channel), of.origin());
+                        format!("{name} is {}, program wants {}{origin}", of.actual, of.expected)
+                    })
                     .collect();
                 format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
             }

@@ -150,6 +150,8 @@ pub enum OperatorCommand {
     CutFromHere(CutStart),
     /// Executes the program again from here, and cuts every contour again.
     CutAll,
+    /// Executes the program again from here once the operator agrees to the outputs that differ.
+    CutAsk,
     /// Shifts the next start of the cutter beside the path.
     Shift(Shift),
     /// How shifted starts lead in.
@@ -219,6 +221,7 @@ impl fmt::Display for OperatorCommand {
             Self::BackToCutEnd => write!(f, "back to cut end"),
             Self::BackToContour(number) => write!(f, "back to contour {number}"),
             Self::CutAll => write!(f, "cut all"),
+            Self::CutAsk => write!(f, "cut ask"),
             Self::Shift(Shift::To([x, y])) => write!(f, "shift {x} {y}"),
             Self::Shift(Shift::Steps(steps)) => {
                 let found = DIRECTIONS.iter().find(|(_, direction)| direction == steps);
@@ -404,6 +407,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["skip", "contour"] => OperatorCommand::SkipContour,
         ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
         ["cut", "all"] => OperatorCommand::CutAll,
+        ["cut", "ask"] => OperatorCommand::CutAsk,
         ["cut", "pierce"] => OperatorCommand::CutFromHere(CutStart::Pierce),
         ["cut", "moving"] => OperatorCommand::CutFromHere(CutStart::Moving),
         ["shift", rest @ ..] => OperatorCommand::Shift(parse_shift(rest)?),

@@ -352,6 +352,11 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         &self.expected
     }
 
+    /// Code and line of the program that switched this output to such a value last.
+    pub(crate) fn origin_of(&self, channel: u8, value: i32) -> (&'static str, u32) {
+        self.origins.origin_of(channel, value)
+    }
+
     /// Appends to `steps` the instructions that bring the outputs from `are` to `wants`, for the channels selected by
     /// `concerned`, in the order of their execution.
     pub fn restart_steps(

@@ -103,6 +103,14 @@ impl OutputOrigins {
         }
     }
 
+    /// Code and line of the program that switched this output to such a value last: on, or off. `("", 0)` where none
+    /// did.
+    pub(crate) fn origin_of(&self, channel: u8, value: i32) -> (&'static str, u32) {
+        let origin =
+            self.of.get(usize::from(channel)).map_or(OutputOrigin::default(), |of| of[usize::from(value != 0)]);
+        (origin.code, origin.line)
+    }
+
     /// Replaces the contents of `steps` by what brings the outputs from `are` to `wants`, for the channels selected by
     /// `concerned`: first what goes off, the cutters before anything else; then what comes on, in program order, the
     /// cutters last. Does not allocate where `steps` has capacity for all channels.

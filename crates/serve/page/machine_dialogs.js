@@ -113,13 +113,13 @@ export class MachineDialogs {
     const name = channel =>
       hello.machine.outputs.find(output => output.channel === channel)?.name ?? `output ${channel}`;
     const word = value => (value ? '■ on' : '□ off');
-    const rows = state.differing_outputs.map(({ channel, value, expected }) =>
+    const rows = state.differing_outputs.map(({ channel, value, expected, code, line }) =>
       element(
         'tr',
         {},
         element('th', { scope: 'row', text: name(channel) }),
         element('td', { text: word(value) }),
-        element('td', { text: word(expected) }),
+        element('td', { text: word(expected) + (code ? `, ${code} in line ${line}` : '') }),
       ),
     );
     openDialog({

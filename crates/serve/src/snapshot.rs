@@ -82,6 +82,12 @@ struct DifferingOutputView {
     channel: u8,
     value: i32,
     expected: i32,
+    /// Code of the program that switched it so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    code: Option<&'static str>,
+    /// Program line of the code.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<u32>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -289,7 +295,13 @@ impl StateView {
             switching: model.switching,
             tool_change: model.tool_change,
             differing_outputs: differing
-                .map(|&(channel, value, expected)| DifferingOutputView { channel, value, expected })
+                .map(|of| DifferingOutputView {
+                    channel: of.channel,
+                    value: of.actual,
+                    expected: of.expected,
+                    code: Some(of.code).filter(|code| !code.is_empty()),
+                    line: Some(of.line).filter(|&line| line != 0),
+                })
                 .collect(),
             waiting: model.stalled_source().map(|(source, seconds)| format!("{source}, for {seconds:.0} s")),
         }

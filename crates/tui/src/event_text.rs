@@ -38,11 +38,12 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
         }
         EventKind::ToolChange(tool) => tool_change_text(model, *tool),
         EventKind::OutputsDiffer(some) => {
-            let each = some.list().iter().map(|(number, is, wants)| {
+            let each = some.list().iter().map(|of| {
                 format!(
-                    "{}, the program expects {}",
-                    output_text(model, *number, *is),
-                    state_text(model, *number, *wants)
+                    "{}, the program expects {}{}",
+                    output_text(model, of.channel, of.actual),
+                    state_text(model, of.channel, of.expected),
+                    of.origin()
                 )
             });
             format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
@@ -105,6 +106,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::BackToCutEnd => "back to the end of the cut".into(),
         OperatorCommand::BackToContour(number) => format!("back to contour {number}"),
         OperatorCommand::CutAll => "cut from here, every contour again".into(),
+        OperatorCommand::CutAsk => "cut from here, once the outputs are agreed to".into(),
         OperatorCommand::CutFromHere(_) => "cut from here".into(),
         OperatorCommand::Shift(_) => "shift the start of the cut".into(),
         OperatorCommand::Lead(shape) => format!("shifted starts lead in by {}", shape.name()),

@@ -7,8 +7,9 @@ use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    BlockDecoder, CommandError, CommandSources, DecodedBlock, DifferingOutputs, Event, EventKind, JobOptions, JobStart,
-    ManualTask, Observer, OperatorCommand, PeriodRecord, RunMode, ScriptPlayer, Telemetry, interpreter_setup, run_job,
+    BlockDecoder, CommandError, CommandSources, DecodedBlock, DifferingOutput, DifferingOutputs, Event, EventKind,
+    JobOptions, JobStart, ManualTask, Observer, OperatorCommand, PeriodRecord, RunMode, ScriptPlayer, Telemetry,
+    interpreter_setup, run_job,
 };
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{Distance, Place, Rate, RecordIndex};
@@ -258,7 +259,7 @@ impl FakeMachine {
             Some(retrace_core::mode::OperatorNotice::RunResumed) => self.event(EventKind::RunResumed),
             Some(retrace_core::mode::OperatorNotice::OutputsDiffer) => {
                 let differ = (0..expected.len()).filter(|&c| expected[c] != self.outputs[c]);
-                let mut differ = differ.map(|c| (c as u8, self.outputs[c], expected[c]));
+                let mut differ = differ.map(|c| DifferingOutput::new(c as u8, self.outputs[c], expected[c]));
                 let some = DifferingOutputs::first(&mut differ);
                 self.event(EventKind::OutputsDiffer(some));
             }

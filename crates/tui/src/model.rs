@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use retrace_controller::{ContourStates, CutterState};
+use retrace_controller::{ContourStates, CutterState, DifferingOutput};
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -239,8 +239,8 @@ pub struct ScreenModel {
     pub active: Active,
     /// Active alarm.
     pub alarm: Option<AlarmShown>,
-    /// Outputs that differ at `reached`: channel, value, expected value.
-    pub differing_outputs: Vec<(u8, i32, i32)>,
+    /// Outputs that differ from what the program expects.
+    pub differing_outputs: Vec<DifferingOutput>,
     /// Progress of a pause.
     pub pause: Option<Pause>,
     /// Source that the program is awaited from, and the period of that report, one second after the wait began.

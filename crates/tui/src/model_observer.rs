@@ -338,7 +338,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::OutputsDiffer(some) => {
             // A long list arrives in parts.
             let list = some.list();
-            model.differing_outputs.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
+            model.differing_outputs.retain(|old| list.iter().all(|new| new.channel != old.channel));
             model.differing_outputs.extend(list);
         }
         EventKind::OutputsRestored | EventKind::RunResumed => {

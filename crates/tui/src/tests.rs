@@ -8,7 +8,8 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    CutterOffReason, CutterState, DifferingOutputs, Event, EventKind, Observer, OperatorCommand, Telemetry,
+    CutterOffReason, CutterState, DifferingOutput, DifferingOutputs, Event, EventKind, Observer, OperatorCommand,
+    Telemetry,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
@@ -350,7 +351,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     set(Mode::Reverse, HoldReason::None, true);
     says(" 0.0 mm back; the cut ends in line 14, K cuts on from here — K cut here");
     set(Mode::AwaitOutputs, HoldReason::None, true);
-    event(EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(64, 0, 1)].into_iter())));
+    event(EventKind::OutputsDiffer(DifferingOutputs::first(&mut [DifferingOutput::new(64, 0, 1)].into_iter())));
     says(" y starts the cutter here; k goes back and cuts on — k recover · y confirm");
     says("k: recover the interrupted cut: go back and cut on");
     lock_model(&model).lost_cutter = Some(64);

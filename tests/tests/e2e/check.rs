@@ -134,6 +134,10 @@ fn errors_and_warnings_are_in_the_json_with_their_range() {
     bench.file("w.ngc", "M3\nM5\nM2\n");
     let summary = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
     assert_eq!((&summary["diagnostics"][0]["number"], &summary["blocks"]), (&Value::from("W1002"), &Value::from(2)));
+    // A torch has no speed.
+    bench.file("torch.toml", "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n");
+    let summary = last(&bench.retrace(["check", "w.ngc", "--machine", "torch.toml", "--json"]).out);
+    assert_eq!(summary["diagnostics"], serde_json::json!([]), "{summary}");
 }
 
 #[test]

@@ -202,7 +202,8 @@ fn outputs_that_were_switched_by_hand_are_asked_about_at_every_restart() {
         let (run, pins) = run(&spindle, &program, script, &[]);
         run.assert_exact_and_legal();
         let asked = run.of_kind("outputs_differ").next().expect("it asks");
-        assert_eq!(asked["outputs"], json!([{"channel": 5, "name": "output 5", "actual": 0, "expected": 1}]));
+        let differs = json!([{"channel": 5, "name": "output 5", "actual": 0, "expected": 1, "code": "M64", "line": 3}]);
+        assert_eq!(asked["outputs"], differs);
         let restored = time_ms(run.of_kind("outputs_restored").last().expect("it is restored"));
         let after = first_motion_ms(&pins, time_ms(asked) + 1);
         assert!(after >= restored, "it moved at {after} ms, before {restored} ms");

@@ -7,7 +7,7 @@
 //! boundary at or beyond it.
 
 use retrace_core::mode::{Mode, ModeCommand};
-use retrace_core::{Place, Rate, RecordIndex};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_link::MotionCard;
 
 use super::Session;
@@ -20,6 +20,9 @@ const RECORDS_A_PERIOD: u32 = 4096;
 const AT_PIERCE: CommandError = CommandError::NotNow(
     "the machine is at the pierce of the contour: `recover` starts the cutter again; `back 5 mm` goes back further",
 );
+
+const AHEAD: CommandError =
+    CommandError::NotNow("the place is ahead of the machine: `forward` goes there; `recover` goes there and cuts on");
 
 /// Kind of target.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -157,6 +160,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             back.search = self.continue_search(back.kind, from, left_mm, line);
         }
         self.back_target = Some(back);
+        if let TargetSearch::Found(target) = back.search
+            && self.card.status().place.distance_to(Place::start_of(target)) > Distance::ZERO
+        {
+            self.back_target = None;
+            self.recovery.cancel_return();
+            self.emit(EventKind::CommandRejected(AHEAD));
+            let _ = self.mode_controller.apply(ModeCommand::Hold);
+            return;
+        }
         if let (TargetSearch::Found(target), false) = (back.search, back.is_estimated) {
             self.back_target = Some(BackTarget { is_estimated: true, ..back });
             if matches!(back.kind, BackTargetKind::Contour(_) | BackTargetKind::CutEnd(_)) {

@@ -43,7 +43,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Ok(());
         }
         self.end_test_pulse_by(command)?;
-        if !matches!(command, OperatorCommand::CutFromHere(_) | OperatorCommand::CutAll) {
+        if !matches!(command, OperatorCommand::CutFromHere(_) | OperatorCommand::CutAll | OperatorCommand::CutAsk) {
             // A refused *cut* is confirmed by the very next word only.
             self.recovery.refused_at = None;
         }
@@ -71,6 +71,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::BackToContour(number) => return self.back_to_contour(number),
             OperatorCommand::CutFromHere(start) => return self.cut_from_here(start, false),
             OperatorCommand::CutAll => return self.cut_from_here(CutStart::Usual, true),
+            OperatorCommand::CutAsk => {
+                self.cut_from_here(CutStart::Usual, false)?;
+                self.recovery.asks = true;
+            }
             OperatorCommand::Shift(by) => return self.shift(by),
             OperatorCommand::Lead(shape) => self.set_lead(shape),
             OperatorCommand::Override(rate) => return self.request_override(rate),

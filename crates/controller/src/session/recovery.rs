@@ -33,6 +33,8 @@ pub(super) struct CutRecovery {
     returning: Option<CutStart>,
     /// How the next restart of the outputs starts the cutter, where that was chosen.
     chosen_start: Option<CutStart>,
+    /// Whether the operator is asked before the outputs are switched to what the program expects at that place.
+    pub(super) asks: bool,
     pub(super) latch: Option<Latch>,
     /// The interrupted cut is to be continued once the machine is at the furthest place.
     continues_when_rejoined: bool,
@@ -56,6 +58,7 @@ impl CutRecovery {
             cut_end: None,
             returning: None,
             chosen_start: None,
+            asks: false,
             latch: None,
             continues_when_rejoined: false,
             passes_kerf: false,
@@ -118,7 +121,7 @@ impl CutRecovery {
 
     /// Ends a return to the end of the cut: the operator has taken over.
     pub(super) fn cancel_return(&mut self) {
-        self.returning = None;
+        (self.returning, self.chosen_start, self.asks) = (None, None, false);
     }
 
     pub(super) fn cutter(&self, channel: u8) -> Option<&CutterConfig> {
@@ -141,8 +144,6 @@ impl CutRecovery {
 const NOT_AT_REST: CommandError = CommandError::NotNow("the machine has to be at rest");
 const NOT_RETRACING: CommandError =
     CommandError::NotNow("go back first: `reverse`, `back to cut end`, `back to pierce`");
-const BEFORE_THE_PIERCE: CommandError =
-    CommandError::NotNow("this is before the pierce of the interrupted cut: go forward first; `cut` cuts all anew");
 const NOT_RETAINED: CommandError =
     CommandError::NotNow("the instructions of the program are not retained back to this place");
 
@@ -218,7 +219,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 _ if pierce.is_some_and(|pierce| pierce.distance_to(place) >= Distance::ZERO) => {
                     self.cut_from_here(CutStart::Usual, false).map(|()| true)
                 }
-                _ => Err(BEFORE_THE_PIERCE),
+                // From before its pierce it goes forward first.
+                _ => {
+                    self.mode_controller.apply(ModeCommand::Leave { ask: false })?;
+                    Ok(self.continue_when_rejoined())
+                }
             };
         }
         match self.back_to_cut_end() {
@@ -353,7 +358,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             mode: Mode::AwaitOutputs,
             held: false,
             rested_since_run: true,
-            confirmed: true,
+            confirmed: !std::mem::take(&mut self.recovery.asks),
             notified: false,
             ..state
         });

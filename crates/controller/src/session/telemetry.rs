@@ -8,7 +8,8 @@ use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, MotionCard, channel};
 
 use super::{ProgramStop, Session};
-use crate::event::{DifferingOutputs, Event, EventKind};
+use crate::differing_outputs::{DifferingOutput, DifferingOutputs};
+use crate::event::{Event, EventKind};
 use crate::record_streamer::LeadIn;
 use crate::telemetry::{PeriodRecord, Telemetry};
 
@@ -82,7 +83,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let want = self.wanted_outputs();
         let are = self.outputs_compared_with(&want);
         let differs = (0..channel::COUNT).filter(|&at| are[at] != want[at]);
-        let mut list = differs.map(|at| (at as u8, are[at], want[at])).peekable();
+        let entry = |at: usize| {
+            let (code, line) = self.streamer.origin_of(at as u8, want[at]);
+            DifferingOutput { channel: at as u8, actual: are[at], expected: want[at], code, line }
+        };
+        let (mut all, mut count) = ([DifferingOutput::default(); channel::COUNT], 0);
+        for at in differs {
+            all[count] = entry(at);
+            count += 1;
+        }
+        let mut list = all[..count].iter().copied().peekable();
         while list.peek().is_some() {
             self.emit(EventKind::OutputsDiffer(DifferingOutputs::first(&mut list)));
         }

@@ -9,8 +9,8 @@ use std::collections::BTreeSet;
 use json_page::JsonPage;
 use retrace_config::ChannelNames;
 use retrace_controller::{
-    AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutputs, DncEvent, DncFlags, DncStep,
-    Event, EventKind, LeadShape, OperatorCommand, RestoredContour, StartSide,
+    AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutput, DifferingOutputs, DncEvent,
+    DncFlags, DncStep, Event, EventKind, LeadShape, OperatorCommand, RestoredContour, StartSide,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
@@ -36,7 +36,13 @@ fn examples() -> Vec<EventKind> {
         EventKind::CutterBoundary,
         EventKind::BackTargetReached,
         EventKind::HistoryEndReached,
-        EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(3, 0, 1), (64, 1, -1)].into_iter())),
+        EventKind::OutputsDiffer(DifferingOutputs::first(
+            &mut [
+                DifferingOutput { code: "M64", line: 7, ..DifferingOutput::new(3, 0, 1) },
+                DifferingOutput::new(64, 1, -1),
+            ]
+            .into_iter(),
+        )),
         EventKind::OutputsRestored,
         EventKind::ToolLifted,
         EventKind::RestartSwitching("M3"),

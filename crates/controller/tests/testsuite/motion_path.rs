@@ -5,9 +5,9 @@ use std::sync::mpsc;
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    CommandSources, DifferingOutputs, Event, EventKind, ExclusiveKind, LimitMonitor, LimitReport, MonitorLimits,
-    Observer, Outcome, PlanEnd, PlanSummary, PlanWriter, RecordStreamer, RunMode, RunStats, ScriptPlayer, Session,
-    SwitchInstruction, Telemetry, parse_script, telemetry_channel,
+    CommandSources, DifferingOutput, DifferingOutputs, Event, EventKind, ExclusiveKind, LimitMonitor, LimitReport,
+    MonitorLimits, Observer, Outcome, PlanEnd, PlanSummary, PlanWriter, RecordStreamer, RunMode, RunStats,
+    ScriptPlayer, Session, SwitchInstruction, Telemetry, parse_script, telemetry_channel,
 };
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Distance, Place, Rate, Record, RecordIndex, size};
@@ -227,7 +227,8 @@ fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
     let script = "at 2s reverse 100%\nafter 1s output 3 off\nafter 1s leave ask\nafter 4s agree";
     let run = run(script, 60.0, program);
     is_exact(&run);
-    let asked = run.at(&EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(3, 0, 1)].into_iter())));
+    let differs = DifferingOutput { code: "M62", line: 1, ..DifferingOutput::new(3, 0, 1) };
+    let asked = run.at(&EventKind::OutputsDiffer(DifferingOutputs::first(&mut [differs].into_iter())));
     let restored = run.at(&EventKind::OutputsRestored);
     assert!(restored > asked + 500);
     assert!(run.rows[asked..restored].iter().all(|(place, ..)| *place == run.rows[asked].0));

@@ -10,6 +10,7 @@ use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::canon_modes::FeedMode;
+use crate::cutting::SpindleUse;
 use crate::diag::{BlockError, BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
@@ -166,7 +167,8 @@ impl Core {
     }
 
     fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) {
-        let has_speed = self.state.spindle_speed != 0.0 || self.ignores_speed(words);
+        let needs_none = self.spindle_use == SpindleUse::NoSpeed || self.ignores_speed(words);
+        let has_speed = self.state.spindle_speed != 0.0 || needs_none;
         if code != 5 && !has_speed {
             emit.warning =
                 Some(Box::new(BlockError::plain(ErrorCode::SpindleWithoutSpeed, words.m_span(GroupM::Spindle))));

@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use proptest::prelude::*;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
+use retrace_controller::DifferingOutput;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -68,7 +69,7 @@ prop_compose! {
             let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));
             model.alarm = Some(AlarmShown { number, cause, remedy, is_refusal: differ > 20 });
         }
-        model.differing_outputs = (0..differ).map(|n| (n, 0, 1)).collect();
+        model.differing_outputs = (0..differ).map(|n| DifferingOutput::new(n, 0, 1)).collect();
         model.pause = paused.map(|(spindle, stopped, online)| Pause { spindle, stopped, started: online, online });
         model.active.modal = words.repeat(3);
         for (n, at) in points.into_iter().enumerate() {

@@ -217,12 +217,14 @@ fn question(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
 }
 
 fn differ(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
-    let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "now", "program expects")];
+    let mut lines = vec![format!("{:<16}{:>8}{:>16}  {}", "output", "now", "program expects", "by")];
     let room = usize::from(out.area.height.saturating_sub(9));
     let lists = model.differing_outputs.iter().take(room);
-    lines.extend(
-        lists.map(|(c, is, wants)| format!("{:<16}{is:>8}{wants:>16}", truncate(&model.facts.output_name(*c), 15))),
-    );
+    lines.extend(lists.map(|of| {
+        let name = model.facts.output_name(of.channel);
+        let by = if of.code.is_empty() { String::new() } else { format!("  {}, line {}", of.code, of.line) };
+        format!("{:<16}{:>8}{:>16}{by}", truncate(&name, 15), of.actual, of.expected)
+    }));
     if model.differing_outputs.len() > room {
         lines.push(format!("… {} more", model.differing_outputs.len() - room));
     }

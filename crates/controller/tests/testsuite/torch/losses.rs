@@ -1,6 +1,8 @@
 //! An arc that is lost in the cut, and its recovery.
 
-use retrace_controller::{CutterState, EventKind, JobStart, Outcome, ResumePoint, ResumedCutEnd};
+use retrace_controller::{
+    CutterState, DifferingOutput, EventKind, JobStart, OperatorCommand, Outcome, ResumePoint, ResumedCutEnd,
+};
 use retrace_core::{Place, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
@@ -71,12 +73,27 @@ fn a_recovery_in_which_the_torch_is_put_out_begins_anew() {
     }
 }
 
-/// Before the pierce nothing is recovered; at the pierce and behind it, the cut is continued in its kerf, in motion.
+/// From before the pierce the machine goes forward first, with the torch off; at the pierce and behind it, the cut is
+/// continued in its kerf, in motion.
 #[test]
-fn a_cut_is_recovered_from_behind_its_pierce_only() {
+fn a_cut_is_recovered_from_any_place_behind() {
     let whole = run(&machine(), PROGRAM, "", "");
-    let job = run(&machine(), PROGRAM, "lose@20", "at 3s back 30 mm\nafter 4s recover\nafter 1s cut\n");
-    assert!(job.rejections().len() == 1 && job.rejections()[0].contains("before the pierce"), "{:?}", job.rejections());
+    for left in ["back 30 mm", "back 25 mm", "back 30 mm\nafter 3s forward 5%\nafter 0.1s hold"] {
+        let job = run(&machine(), PROGRAM, "lose@20", &format!("at 3s {left}\nafter 4s recover\n"));
+        assert_eq!((job.rejections().len(), job.count(&EventKind::CutFromHere { moving: true })), (0, 1), "{left}");
+        assert_eq!((&job.end.outcome, job.counts()), (&Outcome::Completed, whole.counts()), "{left}");
+        job.assert_part_of(&whole);
+        job.assert_safe();
+    }
+    // What is ahead is not gone back to.
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s back 30 mm\nafter 4s back to cut end\nafter 2s recover\n");
+    assert!(
+        job.rejections().len() == 1 && job.rejections()[0].contains("ahead of the machine"),
+        "{:?}",
+        job.rejections()
+    );
+    job.assert_part_of(&whole);
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s back 30 mm\nafter 4s cut\n");
     // there is no metal any more where it pierces: what is cut is passed with the torch off, and the rest is cut
     assert_eq!((&job.end.outcome, job.counts()), (&Outcome::Completed, whole.counts()));
     assert_eq!(job.count(&EventKind::CutFromHere { moving: true }), 1);
@@ -182,4 +199,35 @@ fn putting_out_a_lost_torch_does_not_move_the_end_of_its_cut() {
     let job = run(&machine(), PROGRAM, "lose@20", "at 3s cutter off\nafter 0.5s recover\n");
     job.assert_part_of(&run(&machine(), PROGRAM, "", ""));
     assert_eq!(job.end.stats.cut_interruptions, 1);
+}
+
+/// With `ask` the machine waits at the place where it cuts on, and names what switches each output there; nothing is
+/// switched before the operator agrees (CUT-42).
+#[test]
+fn a_recovery_that_asks_switches_nothing_before_it_is_agreed_to() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s back to cut end\nafter 2s cut ask\nafter 2s agree\n");
+    job.assert_part_of(&whole);
+    job.assert_safe();
+    let of = |wanted: &dyn Fn(&EventKind) -> bool| {
+        job.events.iter().find(|event| wanted(&event.kind)).map(|event| event.period).expect("an event")
+    };
+    let told = job.picked(|kind| match kind {
+        EventKind::OutputsDiffer(some) => Some(some.list().to_vec()),
+        _ => None,
+    });
+    let expected = DifferingOutput { code: "M3", line: 3, ..DifferingOutput::new(64, 0, 1) };
+    assert_eq!(told, [vec![expected]]);
+    let asked = of(&|kind| matches!(kind, EventKind::OutputsDiffer(_)));
+    let agreed = of(&|kind| matches!(kind, EventKind::Operator(OperatorCommand::Confirm)));
+    assert!(agreed >= asked + 1000, "{asked} {agreed}");
+    let lit =
+        job.periods.iter().zip(&job.lit).filter(|(period, lit)| **lit && (asked..agreed).contains(&period.period));
+    assert_eq!(lit.count(), 0);
+    assert_eq!(job.count(&EventKind::CutFromHere { moving: true }), 1);
+    // Who goes elsewhere instead takes nothing of it along.
+    let script = "at 3s back to cut end\nafter 2s cut ask\nafter 1s back 5 mm\nafter 2s recover\n";
+    let job = run(&machine(), PROGRAM, "lose@20", script);
+    job.assert_part_of(&whole);
+    job.assert_safe();
 }
