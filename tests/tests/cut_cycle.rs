@@ -29,6 +29,9 @@ fn machine(cutter: &str) -> String {
 const TORCH: &str = "name = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\n\
     start = { start_s = 0.3, retry_s = 0.1, pierce_s = 0.2 }\n";
 
+const MATERIAL: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nkerf_mm = 1\npierce_height_mm = 4\n\
+    pierce_delay_s = 0.2\ncut_height_mm = 1.5\nfeed_mm_per_min = 3000\n";
+
 fn first_seed() -> u64 {
     std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
@@ -47,12 +50,22 @@ fn seconds(from: &Sample, to: &Sample) -> f64 {
     (to.at_us - from.at_us) as f64 / 1e6
 }
 
+/// Kinds of pierce: keys of the material, and the time from the proof to the first motion. One in motion begins with the
+/// proof.
+const KINDS: [(&str, f64); 5] = [
+    ("", PIERCE_S),
+    ("pierce_mm = 1\npierce_feed_mm_per_min = 900\n", PIERCE_S),
+    ("wiggle_mm = 0.5\nwiggles = 2\npierce_feed_mm_per_min = 900\n", PIERCE_S),
+    ("circle_mm = 0.5\ncircles = 1\npierce_feed_mm_per_min = 900\n", PIERCE_S),
+    ("pierces_in_motion = true\npierce_mm = 1\npierce_feed_mm_per_min = 900\ncreep_mm = 1\n", 0.0),
+];
+
 /// Attempts of each start, and whether it began to cut. A start ends where the machine moves along a cut, or where it
 /// is not repeated within a second.
 ///
 /// # Panics
 /// Where the feed began too early: without the proof, or before the pierce was complete.
-fn starts(trace: &[Sample]) -> Vec<(usize, bool)> {
+fn starts(trace: &[Sample], pierce_s: f64) -> Vec<(usize, bool)> {
     let mut starts: Vec<(usize, bool)> = Vec::new();
     let (mut lit_at, mut off_at, mut proven_at): (Option<&Sample>, Option<&Sample>, Option<&Sample>) =
         (None, None, None);
@@ -75,8 +88,9 @@ fn starts(trace: &[Sample]) -> Vec<(usize, bool)> {
             let start = starts.last_mut().expect("it is lit");
             if !start.1 {
                 let proven = proven_at.unwrap_or_else(|| panic!("fed without a proof: {now:?}"));
-                assert!(seconds(proven, now) >= PIERCE_S, "fed {} s behind the proof", seconds(proven, now));
-                assert!(lit_at.is_some_and(|lit| seconds(lit, now) >= PIERCE_S), "{now:?}");
+                assert!(seconds(proven, now) >= pierce_s, "fed {} s behind the proof", seconds(proven, now));
+                assert!(pierce_s > 0.0 || seconds(proven, now) < PIERCE_S, "in motion: {} s", seconds(proven, now));
+                assert!(lit_at.is_some_and(|lit| seconds(lit, now) >= pierce_s), "{now:?}");
             }
             start.1 = true;
         }
@@ -90,14 +104,16 @@ fn starts(trace: &[Sample]) -> Vec<(usize, bool)> {
 fn starts_are_repeated_three_times_and_nothing_is_fed_before() {
     let contours: String = (0..10).map(|n| format!("G0 X{} Y{}\nM3\nG1 X{}\nM5\n", 10 * n, n, 10 * n + 3)).collect();
     let program = format!("G21 G90 F3000\n{contours}G0 X0 Y0\nM2\n");
-    let (bench, machine) = (Bench::new(), machine(TORCH));
+    let (bench, machine) = (Bench::new(), machine(&format!("{TORCH}materials = \"materials.toml\"\nspindle = 0\n")));
     let wanted = cases(40) as usize;
     for (at, p) in [0.0, 0.1, 0.5, 1.0].into_iter().enumerate() {
         let (mut began, mut failed, mut most, mut seed) = (0, 0, 0, first_seed() + 1_000_000 * at as u64);
         while began < wanted.div_ceil(4) {
             seed += 1;
+            let (figures, pierce_s) = KINDS[seed as usize % KINDS.len()];
+            bench.file("materials.toml", format!("{MATERIAL}{figures}"));
             let (run, trace) = run(&bench, (&machine, &program), &format!("no-start={p},seed={seed}"));
-            let all = starts(&trace);
+            let all = starts(&trace, pierce_s);
             let lost = all.iter().filter(|(_, cuts)| !cuts).count();
             let ends = if lost == 0 { "completed" } else { "stopped" };
             assert_eq!(run.report["outcome"], ends, "p = {p}, seed {seed}: {all:?} {}", run.output.err);
