@@ -9,6 +9,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// One step: its purpose, and its command.
@@ -93,8 +94,7 @@ fn clippy(root: &Path, _: &Settings) -> Outcome {
 const TESTED: [&str; 5] = ["--workspace", "--exclude", "retrace-loom", "--exclude", "retrace-shuttle"];
 
 fn tests(root: &Path, settings: &Settings) -> Outcome {
-    // as it is shipped, with the features of its own dependencies
-    let binary = match build_command(root) {
+    let binary = match build_with_tests(root) {
         Ok(binary) => binary,
         Err(remark) => return Outcome { passed: false, remark },
     };
@@ -184,8 +184,23 @@ fn rustdoc(root: &Path, _: &Settings) -> Outcome {
     ended(process::cargo(root, &["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))
 }
 
-/// Builds the `retrace` command in the tests' own profile, and returns where cargo put it.
+/// The `retrace` command that the step `test` has built, for the steps after it.
+static TESTED_COMMAND: OnceLock<PathBuf> = OnceLock::new();
+
+/// Builds the `retrace` command together with the tests: by itself it has fewer features of some dependencies, with
+/// which the whole project would be compiled once more.
+fn build_with_tests(root: &Path) -> Result<PathBuf, String> {
+    let mut command = process::cargo(root, &["build"]);
+    command.args(TESTED).args(["--tests", "--bin", "retrace", "--message-format", "json-render-diagnostics"]);
+    let binary = process::build_named(&mut command, "retrace")?;
+    Ok(TESTED_COMMAND.get_or_init(|| binary).clone())
+}
+
+/// Builds the `retrace` command in the tests' own profile, unless that was done, and returns where cargo put it.
 pub(crate) fn build_command(root: &Path) -> Result<PathBuf, String> {
+    if let Some(binary) = TESTED_COMMAND.get() {
+        return Ok(binary.clone());
+    }
     let arguments = ["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
     process::build(&mut process::cargo(root, &arguments))
 }

@@ -133,12 +133,24 @@ pub fn cargo(folder: &Path, arguments: &[&str]) -> Command {
 /// # Errors
 /// Where cargo cannot be run, or the build fails or names no executable.
 pub fn build(command: &mut Command) -> Result<PathBuf, String> {
+    executable_of(command, |_| true)
+}
+
+/// Runs a build whose messages are JSON, and returns where cargo put the executable of this file name.
+///
+/// # Errors
+/// Where cargo cannot be run, or the build fails or names no such executable.
+pub fn build_named(command: &mut Command, name: &str) -> Result<PathBuf, String> {
+    executable_of(command, |path| path.file_stem().is_some_and(|stem| stem == name))
+}
+
+fn executable_of(command: &mut Command, is_wanted: impl FnMut(&PathBuf) -> bool) -> Result<PathBuf, String> {
     let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     if !output.status.success() {
         return Err("it does not build".to_owned());
     }
-    let executable = executables(&String::from_utf8_lossy(&output.stdout)).pop();
-    executable.ok_or_else(|| "cargo did not say where it put the executable".to_owned())
+    let wanted = executables(&String::from_utf8_lossy(&output.stdout)).into_iter().rfind(is_wanted);
+    wanted.ok_or_else(|| "cargo did not say where it put the executable".to_owned())
 }
 
 /// The executables that cargo's JSON messages name, each once.
