@@ -34,6 +34,7 @@ mod card_settings;
 mod channel_names;
 mod cutter;
 mod cutter_start;
+mod input_names;
 mod jet_flow;
 mod machine_changes;
 mod machine_check;

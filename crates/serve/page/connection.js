@@ -163,6 +163,15 @@ export class Connection {
 
   /** Makes a request and resolves with the JSON of its answer. Fails with a `RequestError`. */
   async request(method, path, body, headers = {}) {
+    return (await this.exchange(method, path, body, headers)).value;
+  }
+
+  /** Reads a table and resolves with `{value, version}`. Fails with a `RequestError`. */
+  read(path) {
+    return this.exchange('GET', path);
+  }
+
+  async exchange(method, path, body, headers = {}) {
     const isText = typeof body === 'string' || body instanceof Blob;
     const options = { method, headers: { ...headers }, credentials: 'same-origin', cache: 'no-store' };
     if (body !== undefined) {
@@ -183,6 +192,6 @@ export class Connection {
       /* not every answer has a body */
     }
     if (!response.ok) throw new RequestError(response.status, value?.error);
-    return value;
+    return { value, version: response.headers.get('ETag') };
   }
 }

@@ -20,6 +20,7 @@ export class SettingsPanel {
       on: { change: () => this.changeName() },
     });
     this.facts = element('dl', { class: 'facts' });
+    this.inputs = element('div', { class: 'inputs' });
     this.switches = [
       ['single', 'Single block', state => state.single],
       ['optional-stop', 'Stop at M1', state => state.optional_stop],
@@ -58,9 +59,13 @@ export class SettingsPanel {
         'Session',
         button('Sign out', () => connection.signOut()),
       ),
+      group('Inputs', this.inputs),
       group('This machine', this.facts),
     );
-    store.on('hello', hello => this.showFacts(hello));
+    store.on('hello', hello => {
+      this.showFacts(hello);
+      this.showInputs();
+    });
     store.on('state control link', () => this.showState());
     onSettingChange(() => this.showChoices());
   }
@@ -105,7 +110,21 @@ export class SettingsPanel {
     if (!this.name.value) setAttribute(this.name, 'placeholder', hello.name);
   }
 
+  showInputs() {
+    const { state, hello } = this.store,
+      named = hello?.machine.inputs ?? [];
+    const words = named.map(({ number, name }) => {
+      const isOn = ((state?.inputs ?? 0) >> number) % 2 === 1;
+      return element('span', { class: isOn ? 'on' : null, text: `${isOn ? '■' : '□'} ${name}` });
+    });
+    setChildren(this.inputs, ...(words.length > 0 ? words : ['The machine file declares none.']));
+  }
+
   showState() {
+    if (this.shownInputs !== this.store.state?.inputs) {
+      this.shownInputs = this.store.state?.inputs;
+      this.showInputs();
+    }
     for (const { id, node, read } of this.switches) {
       const isOn = Boolean(this.store.state && read(this.store.state));
       node.setAttribute('aria-pressed', String(isOn));

@@ -14,6 +14,7 @@
 //! control and has seen the present state. Holding is permitted to everybody.
 #![forbid(unsafe_code)]
 
+mod answers;
 mod assets;
 mod command_words;
 mod connection;
@@ -37,6 +38,7 @@ mod server_state;
 mod session;
 mod snapshot;
 mod socket;
+mod table_requests;
 mod uploads;
 
 pub use host::{ServeHost, ServeOptions};

@@ -200,6 +200,25 @@ impl OperatorDesk {
         self.pass_on(command)
     }
 
+    /// Passes on new offsets or tools: for the page in control, at rest, while no job runs.
+    ///
+    /// # Errors
+    /// Why it is refused.
+    pub(crate) fn order_tables(&self, context: OrderContext, command: UiCommand) -> Result<(), NumberedError> {
+        let state = self.state();
+        self.check(&state, context, false)?;
+        self.check_stage(&command)?;
+        let is_free = {
+            let model = self.model();
+            model.at_rest && model.question.is_none() && model.stage != ScreenStage::Resuming
+        };
+        if !is_free || state.dead_man.is_held() {
+            let cause = "the machine moves, or a question is open";
+            return Err(NumberedError::new("E2423", cause, "wait until it is at rest, and answer the question"));
+        }
+        self.pass_on(command)
+    }
+
     fn pass_on(&self, command: UiCommand) -> Result<(), NumberedError> {
         if self.host.send(command) {
             return Ok(());
@@ -226,7 +245,11 @@ impl OperatorDesk {
             UiCommand::Task(ManualTask::ClearAlarm) if model.alarm.is_none() => {
                 refuse("no alarm is active", "nothing needs to be done")
             }
-            UiCommand::Task(_) | UiCommand::DryRun(_) | UiCommand::StartContour(_) | UiCommand::StartLine(_)
+            UiCommand::Task(_)
+            | UiCommand::DryRun(_)
+            | UiCommand::SetTables(_)
+            | UiCommand::StartContour(_)
+            | UiCommand::StartLine(_)
                 if is_job && *command != UiCommand::Task(ManualTask::ClearAlarm) =>
             {
                 refuse("a program is running", "stop it first, or wait until it has ended")

@@ -16,7 +16,7 @@ use std::time::Instant;
 
 use crate::connection::Peer;
 use crate::failure::{failure, store_failure};
-use crate::hello::hello;
+use crate::hello::HelloView;
 use crate::server_state::{Server, Shared};
 use crate::session::{LoginError, Rights};
 use crate::snapshot::LogView;
@@ -73,8 +73,8 @@ pub(crate) async fn end_session(State(server): Shared, headers: HeaderMap) -> Re
     ([(header::SET_COOKIE, cookie)], StatusCode::NO_CONTENT).into_response()
 }
 
-pub(crate) async fn get_hello(State(server): Shared) -> Json<Value> {
-    Json(hello(&server))
+pub(crate) async fn get_hello(State(server): Shared) -> Json<HelloView> {
+    Json(HelloView::of(&server))
 }
 
 pub(crate) async fn get_state(State(server): Shared) -> Response {
@@ -120,23 +120,6 @@ pub(crate) async fn get_contours(State(server): Shared) -> Json<Value> {
         })
         .collect();
     Json(json!({"contours": contours, "current": model.contours.current().map(|(number, _)| number)}))
-}
-
-pub(crate) async fn get_tools(State(server): Shared) -> Json<Value> {
-    let facts = Arc::clone(&server.desk.model().facts);
-    let tools: Vec<Value> = facts
-        .tools
-        .iter()
-        .map(|tool| {
-            json!({
-                "number": tool.number,
-                "diameter_mm": tool.diameter_mm,
-                "length_mm": tool.length_mm,
-                "name": tool.name,
-            })
-        })
-        .collect();
-    Json(json!({"tools": tools}))
 }
 
 pub(crate) async fn get_profile(State(server): Shared) -> Response {

@@ -5,9 +5,12 @@
 use std::fs;
 use std::path::Path;
 
+use crate::answers::{ControlView, DoneView, RefusedView, WhereView};
+use crate::hello::HelloView;
 use crate::messages::PageMessage;
 use crate::path_levels::PathView;
 use crate::snapshot::{LiveView, LogView, StateView};
+use crate::table_requests::{OffsetOrder, OffsetTable, ToolOrder, ToolRows};
 
 #[test]
 fn the_schemas_in_the_docs_are_those_of_the_types() {
@@ -17,6 +20,15 @@ fn the_schemas_in_the_docs_are_those_of_the_types() {
         ("live", schemars::schema_for!(LiveView)),
         ("log", schemars::schema_for!(LogView)),
         ("path", schemars::schema_for!(PathView)),
+        ("hello", schemars::schema_for!(HelloView)),
+        ("control", schemars::schema_for!(ControlView)),
+        ("done", schemars::schema_for!(DoneView)),
+        ("refused", schemars::schema_for!(RefusedView)),
+        ("where", schemars::schema_for!(WhereView)),
+        ("offsets", schemars::schema_for!(OffsetTable)),
+        ("offsets-change", schemars::schema_for!(OffsetOrder)),
+        ("tools", schemars::schema_for!(ToolRows)),
+        ("tools-change", schemars::schema_for!(ToolOrder)),
     ];
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/api");
     for (name, schema) in schemas {

@@ -28,6 +28,7 @@ use crate::requests::{self, require};
 use crate::server_state::Server;
 use crate::session::Rights;
 use crate::socket;
+use crate::table_requests;
 use crate::uploads::{self, MAX_UPLOAD};
 
 /// Interval of the snapshots, and of the check of a held jog.
@@ -138,15 +139,19 @@ fn router(guard: Guard, server: Arc<Server>) -> Router {
         .route("/api/v1/program/lines", get(requests::get_lines))
         .route("/api/v1/program/contours", get(requests::get_contours))
         .route("/api/v1/programs", get(requests::get_programs))
-        .route("/api/v1/tools", get(requests::get_tools))
+        .route("/api/v1/offsets", get(table_requests::get_offsets))
+        .route("/api/v1/tools", get(table_requests::get_tools))
         .route("/api/v1/jobs", get(requests::get_jobs))
         .route("/api/v1/jobs/{id}", get(requests::get_job))
         .route("/api/v1/profile", get(requests::get_profile))
         .route("/api/v1/session", delete(requests::end_session))
         .route("/api/v1/ws", get(socket::open))
         .layer(rights(Rights::Watch));
-    let operating =
-        Router::new().route("/api/v1/programs/{name}", delete(requests::delete_program)).layer(rights(Rights::Operate));
+    let operating = Router::new()
+        .route("/api/v1/programs/{name}", delete(requests::delete_program))
+        .route("/api/v1/offsets", put(table_requests::put_offsets))
+        .route("/api/v1/tools", put(table_requests::put_tools))
+        .layer(rights(Rights::Operate));
     let uploading = Router::new()
         .route("/api/v1/programs/{name}", put(uploads::put_program))
         .route("/api/version", get(uploads::octoprint_version))

@@ -12,13 +12,13 @@ use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use retrace_config::NumberedError;
-use serde_json::json;
 use std::time::Instant;
 use tokio::time::MissedTickBehavior;
 
+use crate::answers::{self, ClientView, ControlView};
 use crate::control::{Client, Control};
 use crate::failure::failure;
-use crate::hello::hello;
+use crate::hello::HelloView;
 use crate::messages::PageMessage;
 use crate::operator_desk::OrderContext;
 use crate::path_levels::PathLevels;
@@ -98,11 +98,9 @@ impl<'s> Page<'s> {
     }
 
     async fn serve(&mut self, mut socket: WebSocket) -> Result<(), axum::Error> {
-        let mut greeting = hello(self.server);
-        greeting["rights"] = json!(self.rights.name());
-        greeting["client"] = json!(self.client);
-        greeting["name"] = json!(self.server.page_name(self.client));
-        send(&mut socket, greeting.to_string()).await?;
+        let name = self.server.page_name(self.client);
+        let greeting = HelloView::of(self.server).for_page(self.rights, self.client, name);
+        send(&mut socket, answers::message(&greeting)).await?;
         let mut news = self.server.news.subscribe();
         let mut tick = tokio::time::interval(LIVE_INTERVAL);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -181,30 +179,14 @@ impl<'s> Page<'s> {
     }
 
     fn control_message(&self, control: &Control, request: Option<(Client, u64)>) -> String {
-        let name = |client: Client| json!({"client": client, "name": self.server.page_name(client)});
-        let asks = request.map(|(client, left_s)| {
-            let mut asks = name(client);
-            asks["left_s"] = json!(left_s);
-            asks
-        });
-        json!({
-            "t": "control",
-            "holder": control.holder().map(name),
-            "is_you": control.holder() == Some(self.client),
-            "turn": control.turn(),
-            "asks": asks,
-        })
-        .to_string()
+        let view = |client: Client| ClientView::new(client, self.server.page_name(client));
+        let asks = request.map(|(client, left_s)| (view(client), left_s));
+        let is_you = control.holder() == Some(self.client);
+        answers::message(&ControlView::new(control.holder().map(view), is_you, control.turn(), asks))
     }
 
     fn answer(&mut self, id: u32, done: Result<(), NumberedError>) {
-        let answer = match done {
-            Ok(()) => json!({"t": "done", "id": id}),
-            Err(NumberedError { number, cause, remedy }) => {
-                json!({"t": "refused", "id": id, "number": number, "cause": cause, "remedy": remedy})
-            }
-        };
-        self.answers.push_back(answer.to_string());
+        self.answers.push_back(answers::answer(id, done));
     }
 
     fn receive(&mut self, text: &str) {
@@ -263,7 +245,7 @@ impl<'s> Page<'s> {
             Some((line, records))
         });
         let (line, records) = found.map_or((line, None), |(line, records)| (Some(line), records));
-        self.answers.push_back(json!({"t": "where", "id": id, "line": line, "records": records}).to_string());
+        self.answers.push_back(answers::place(id, line, records));
     }
 }
 

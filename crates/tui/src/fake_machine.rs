@@ -150,6 +150,7 @@ impl FakeMachine {
                 }
             }
             UiCommand::DryRun(_)
+            | UiCommand::SetTables(_)
             | UiCommand::CutterOff
             | UiCommand::OptionalStop(_)
             | UiCommand::SetUp

@@ -49,6 +49,7 @@ mod status_line;
 mod trail;
 mod ui_command;
 mod view;
+mod work_tables;
 
 #[cfg(test)]
 mod tests;
@@ -66,3 +67,4 @@ pub use program_facts::{AxisFacts, CutterFacts, Planned, ProgramCheck, ProgramFa
 pub use screen::{Screen, restore_terminal};
 pub use trail::{Trail, TrailPoint};
 pub use ui_command::UiCommand;
+pub use work_tables::{TableChange, WORK_SYSTEMS, WorkSystem, WorkTables};

@@ -14,6 +14,7 @@ use retrace_link::channel;
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
 use crate::trail::Trail;
+use crate::work_tables::WorkTables;
 
 /// Maximum number of retained messages.
 pub(crate) const MESSAGES: usize = 200;
@@ -237,6 +238,8 @@ pub struct ScreenModel {
     pub at_cutter_boundary: bool,
     /// Modal state.
     pub active: Active,
+    /// Offsets and tools that are in force while no job runs.
+    pub tables: Arc<WorkTables>,
     /// Active alarm.
     pub alarm: Option<AlarmShown>,
     /// Outputs that differ from what the program expects.
@@ -317,6 +320,7 @@ impl ScreenModel {
             contours: ContourStates::default(),
             at_cutter_boundary: false,
             active: Active::default(),
+            tables: Arc::default(),
             alarm: None,
             differing_outputs: Vec::new(),
             pause: None,

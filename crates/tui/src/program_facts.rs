@@ -131,6 +131,8 @@ pub struct ProgramFacts {
     pub cutters: Vec<CutterFacts>,
     /// Names of the output channels, in the order of the channels.
     pub output_names: Vec<String>,
+    /// Inputs that the machine uses, with what each of them is.
+    pub input_names: Vec<(u8, String)>,
 }
 
 impl ProgramFacts {
@@ -149,6 +151,7 @@ impl ProgramFacts {
             program: Text::new(name, text),
             start_position_mm: machine.stands_at_mm.clone(),
             cutters: machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(cutter_facts).collect(),
+            input_names: machine.input_names(),
             output_names: (0..channel::COUNT as u8).map(|number| machine.channel_name(number)).collect(),
             ..Self::default()
         }

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use retrace_controller::{ManualTask, OperatorCommand};
 
+use crate::work_tables::TableChange;
+
 /// Command of the operator at the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub enum UiCommand {
@@ -37,6 +39,8 @@ pub enum UiCommand {
     CloseRefusal,
     /// Switch dry run on or off.
     DryRun(bool),
+    /// Replace offsets and tool data while no job runs.
+    SetTables(Box<TableChange>),
     /// Close the screen; no job runs.
     Quit,
 }

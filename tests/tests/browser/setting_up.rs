@@ -141,6 +141,59 @@ fn the_work_zero_is_set() {
     user.picture("zero");
 }
 
+/// Offsets and tools are changed by a tap on a figure, and shown by what the machine has; inputs by name.
+#[test]
+fn offsets_and_tools_are_changed_by_a_tap() {
+    let Some(mut browser) = browser() else { return };
+    for screen in [Screen::TABLET, Screen::PHONE.light()] {
+        let bench = Bench::new();
+        let tools = bench.file("tools.tbl", "T1 P1 Z50 D6 ;end mill\nT2 P2 Z40 D3\n").display().to_string();
+        let text = "[[card.input]]\nnumber = 2\nuse = \"door\"\n";
+        let machine_file = bench.file("m.toml", text).display().to_string();
+        let arguments = ["--tools", &tools, "--machine", &machine_file];
+        let server = serve(&bench, &zigzag(4), &arguments);
+        let machine = Machine::new(&server);
+        let mut user = in_control(&mut browser, &server, screen);
+        user.wait_for_word("READY");
+        user.tap("[role=tab]", "Offsets");
+        user.tap(".value", "G54 Y");
+        user.wait("document.activeElement.matches('.dialog input')");
+        user.evaluate("document.activeElement.select()");
+        user.type_text("12.5");
+        user.key("Enter");
+        machine.wait("the offset", |report| report["live"]["work"][1] == -12.5);
+        user.wait("findByEye('.value', 'G54 Y: 12.500') !== null");
+        user.picture(&format!("offsets-{}", screen.width));
+        user.tap("[role=tab]", "Tools");
+        user.tap(".value", "T2 length");
+        user.wait("document.activeElement.matches('.dialog input')");
+        user.evaluate("document.activeElement.select()");
+        user.type_text("41");
+        user.tap(".dialog button", "Set");
+        user.wait("findByEye('.value', 'T2 length: 41.000') !== null");
+        user.tap("#panel-tools button", "Add a tool");
+        user.wait("document.activeElement.matches('.dialog input')");
+        user.type_text("7");
+        user.key("Enter");
+        user.wait("findByEye('.value', 'T7 length') !== null");
+        user.picture(&format!("tools-{}", screen.width));
+        let file = std::fs::read_to_string(&tools).expect("a file");
+        assert_eq!(file, "T1 P1 Z50 D6 ;end mill\nT2 P2 Z41 D3\nT7 P0\n");
+        user.tap("[role=tab]", "Settings");
+        user.wait_for_text(".inputs", "door");
+        user.picture(&format!("inputs-{}", screen.width));
+        // While a program runs, nothing can be changed.
+        user.tap(".motion.start", "");
+        user.wait_for_word("RUNNING");
+        user.tap("[role=tab]", "Offsets");
+        user.wait(
+            "[...document.querySelectorAll('#panel-offsets .value')].every(node => node.ariaDisabled === 'true')",
+        );
+        user.tap(".motion.hold", "");
+        user.wait_for_word("FEED HOLD");
+    }
+}
+
 /// Programs are uploaded, loaded and deleted in the files tab; markup in their names and comments is text.
 #[test]
 fn a_program_is_uploaded_and_loaded_and_its_markup_is_text() {

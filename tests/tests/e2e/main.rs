@@ -26,6 +26,7 @@ mod offsets;
 #[cfg(target_os = "linux")]
 mod output;
 mod page;
+mod page_tables;
 #[cfg(target_os = "linux")]
 mod ramp_pierce;
 mod real_time;

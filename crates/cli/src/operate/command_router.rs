@@ -96,7 +96,7 @@ impl CommandRouter {
                 let mut route = self.route();
                 // A key that is held down does not queue up moves.
                 let is_busy = route.job.is_some() || route.sent != route.done;
-                if matches!(command, UiCommand::Task(_)) && is_busy {
+                if matches!(command, UiCommand::Task(_) | UiCommand::SetTables(_)) && is_busy {
                     return false;
                 }
                 route.sent += u64::from(is_start(&command));
@@ -137,7 +137,7 @@ impl CommandRouter {
     }
 }
 
-/// Whether a command may start motion.
+/// Whether a command may start motion, or changes what a motion does that is started next.
 pub(super) const fn is_start(command: &UiCommand) -> bool {
     matches!(
         command,
@@ -146,6 +146,7 @@ pub(super) const fn is_start(command: &UiCommand) -> bool {
             | UiCommand::StartLine(_)
             | UiCommand::ResumeJob(_)
             | UiCommand::Task(_)
+            | UiCommand::SetTables(_)
     )
 }
 

@@ -17,12 +17,12 @@ use retrace_controller::{
 };
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 use retrace_tui::{
-    AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, UiCommand, diagnostic_lines,
-    lock_model,
+    AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, TableChange, UiCommand,
+    diagnostic_lines, lock_model,
 };
 
 use super::command_router::{CommandRouter, NOT_CANCELLABLE, is_start};
-use super::{ResumingJob, preview_thread};
+use super::{ResumingJob, preview_thread, table_edits};
 use crate::args::{self, Reading};
 use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
@@ -131,6 +131,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     pub(super) fn work(mut self) -> ExitState {
         self.publish_outputs();
         self.publish_homing();
+        self.show_tables();
         if let Some(notice) = self.args.page.session.take_notice() {
             self.add_message(notice);
         }
@@ -159,6 +160,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                     self.optional_stop = on;
                     lock_model(&self.router.model).optional_stop = on;
                 }
+                Ok(UiCommand::SetTables(change)) => self.set_tables(&change),
                 Ok(UiCommand::CloseRefusal) => self.close_refusal(),
                 Ok(UiCommand::DryRun(on)) => {
                     self.machine.inhibits_outputs = on;
@@ -301,9 +303,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Err(ManualTaskError::Card(CardError::Latched(_))) => {}
             Err(ManualTaskError::Card(error)) => self.emit(EventKind::Alarm(error)),
         }
-        if let Err(refusal) = self.table_keeper.write_changes(self.mdi_context.modal_snapshot()) {
-            self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
-        }
+        self.keep_tables();
         if self.card.status().alarm.is_none() {
             lock_model(&self.router.model).clear_alarm();
         }
@@ -311,6 +311,33 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
         self.publish_outputs();
         self.check_again();
+    }
+
+    /// Replaces offsets and tool data.
+    fn set_tables(&mut self, change: &TableChange) {
+        match table_edits::apply(&self.router.model, &self.machine, &mut self.mdi_context, change) {
+            Ok(()) => self.add_message("offsets or tools were changed on a page"),
+            Err(NumberedError { number, cause, remedy }) => {
+                return self.add_message(format!("{number}: {cause} · {remedy}"));
+            }
+        }
+        self.keep_tables();
+        let active = Box::new(self.mdi_context.active());
+        Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
+        self.check_again();
+    }
+
+    /// Writes changed offsets and tools to their files, and shows them.
+    fn keep_tables(&mut self) {
+        if let Err(refusal) = self.table_keeper.write_changes(self.mdi_context.modal_snapshot()) {
+            self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
+        }
+        self.show_tables();
+    }
+
+    /// Shows offsets and tools.
+    fn show_tables(&self) {
+        table_edits::show(&self.router.model, &self.machine, &self.mdi_context);
     }
 
     /// Checks the program again and redraws its path, for the current position and offsets.
@@ -339,6 +366,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 self.args = args::Run { reading, start_line: None, contour: None, ..self.args.clone() };
                 lock_model(&self.router.model).stage = ScreenStage::Setup;
                 preview_thread::show_program::<A>(&self.router.model, machine, &self.program);
+                self.show_tables();
             }
             Err(NumberedError { number, cause: what, remedy }) => {
                 self.add_message(format!("{number}: {what}. {remedy}"))
@@ -432,6 +460,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         if let Some((parameters, tools)) = result.tables {
             self.mdi_context.set_tables(parameters, tools);
             self.table_keeper.mark_written(self.mdi_context.modal_snapshot());
+            self.show_tables();
         }
         (self.exit.code, self.exit.report) = (code, Some(result.text));
         // A resumed job brings its own setting.

@@ -13,6 +13,7 @@ mod machine_thread;
 mod page;
 mod preview_thread;
 mod signals;
+mod table_edits;
 
 use retrace_core::RecordIndex;
 use std::io::IsTerminal;
