@@ -33,6 +33,7 @@ import { ZeroPanel } from './zero_panel.js';
 import { element } from './element.js';
 import { openActionDialog } from './action_dialog.js';
 import { followSignIn } from './sign_in.js';
+import { formatBytes } from './units.js';
 import { onSettingChange } from './settings.js';
 import { setDialogPlace } from './dialog.js';
 
@@ -52,6 +53,20 @@ const connection = new Connection({
 });
 const orders = new OrderSender(connection, store, notices);
 const actions = new ActionTable(store, orders);
+// An order that was passed on and that the machine then did not carry out.
+store.on('rejected', rejected => notices.refuse(rejected));
+store.on('offer', ({ name, bytes }) =>
+  notices.offer({
+    text: `${name} is new in the watched folder (${formatBytes(bytes)}).`,
+    label: 'Load',
+    mayRun: () => {
+      if (store.allows('open-program')) return true;
+      notices.refuse({ cause: 'a program is loaded by the page in control, while none runs' });
+      return false;
+    },
+    run: () => orders.send(`open ${name}`),
+  }),
+);
 
 const stageTabs = new Tabs(place('stage-tabs'), place('stage'), 'stage');
 const sideTabs = new Tabs(place('side-tabs'), place('side'), 'side');

@@ -2,7 +2,7 @@
 //
 // Invariant: only messages of the server change it; no part of the page writes a state that it expects.
 
-const TOPICS = ['hello', 'state', 'live', 'log', 'control', 'path'];
+const TOPICS = ['hello', 'state', 'live', 'log', 'control', 'path', 'rejected', 'offer'];
 
 /** Newest state of the machine. */
 export class MachineStore {

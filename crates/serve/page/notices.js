@@ -6,6 +6,7 @@ import { button, element, setChildren } from './element.js';
 import { sign } from './signs.js';
 
 const SHOWN_MS = 9000;
+const OFFERED_MS = 120_000;
 const MAX_NOTICES = 3;
 
 /** Notices, the newest last. */
@@ -30,9 +31,28 @@ export class Notices {
       ),
     );
     notice.append(button(sign('close'), () => notice.remove(), { class: 'icon', 'aria-label': 'Close' }));
+    this.add(notice, SHOWN_MS);
+  }
+
+  /** Offers to do something, for two minutes or until it is done. `mayRun` is asked at the tap. */
+  offer({ text, label, mayRun, run }) {
+    const notice = element('div', { class: 'notice' }, element('p', { text }));
+    const accept = button(label, () => {
+      if (!mayRun()) return;
+      notice.remove();
+      run();
+    });
+    notice.append(
+      accept,
+      button(sign('close'), () => notice.remove(), { class: 'icon', 'aria-label': 'Close' }),
+    );
+    this.add(notice, OFFERED_MS);
+  }
+
+  add(notice, shownMs) {
     this.place.append(notice);
     while (this.place.children.length > MAX_NOTICES) this.place.firstChild.remove();
-    setTimeout(() => notice.remove(), SHOWN_MS);
+    setTimeout(() => notice.remove(), shownMs);
   }
 
   /** Shows a line of text in the message line. */

@@ -3,6 +3,7 @@
 //! Invariant: each order has one answer; a refusal has number, cause and remedy.
 
 use retrace_config::NumberedError;
+use retrace_tui::Rejection;
 use serde::Serialize;
 
 use crate::control::Client;
@@ -28,6 +29,16 @@ pub(crate) struct RefusedView {
     t: &'static str,
     id: u32,
     number: &'static str,
+    cause: String,
+    remedy: String,
+}
+
+/// An order that was passed to the machine was not carried out there.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(crate) struct RejectedView {
+    t: &'static str,
+    number: Option<&'static str>,
     cause: String,
     remedy: String,
 }
@@ -76,6 +87,12 @@ pub(crate) fn answer(id: u32, done: Result<(), NumberedError>) -> String {
             message(&RefusedView { t: "refused", id, number, cause, remedy })
         }
     }
+}
+
+/// What became of an order that was passed to the machine.
+pub(crate) fn rejected(rejection: &Rejection) -> String {
+    let Rejection { number, cause, remedy, .. } = rejection.clone();
+    message(&RejectedView { t: "rejected", number, cause, remedy })
 }
 
 /// The answer to a question about a place.

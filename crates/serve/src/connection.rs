@@ -16,6 +16,9 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, Sleep, sleep_until};
+use tokio_rustls::TlsAcceptor;
+
+use crate::tls::MaybeTls;
 
 /// Maximum number of connections at a time.
 const MAX_CONNECTIONS: usize = 128;
@@ -32,28 +35,30 @@ const ERROR_DELAY: Duration = Duration::from_millis(100);
 /// Listener of connections with limits.
 pub(crate) struct BoundedListener {
     listener: TcpListener,
+    tls: Option<TlsAcceptor>,
     permits: Arc<Semaphore>,
 }
 
 impl BoundedListener {
-    /// Bounds the connections of this listener.
-    pub(crate) fn new(listener: TcpListener) -> Self {
-        Self { listener, permits: Arc::new(Semaphore::new(MAX_CONNECTIONS)) }
+    /// Bounds the connections of this listener, which are encrypted where there is an acceptor.
+    pub(crate) fn new(listener: TcpListener, tls: Option<TlsAcceptor>) -> Self {
+        Self { listener, tls, permits: Arc::new(Semaphore::new(MAX_CONNECTIONS)) }
     }
 }
 
 impl Listener for BoundedListener {
-    type Io = BoundedConnection;
+    type Io = MaybeTls<BoundedConnection>;
     type Addr = SocketAddr;
 
-    async fn accept(&mut self) -> (BoundedConnection, SocketAddr) {
+    async fn accept(&mut self) -> (Self::Io, SocketAddr) {
         loop {
             // The semaphore is never closed; without a permit the connection is bounded by its time alone.
             let permit = Arc::clone(&self.permits).acquire_owned().await.ok();
             match self.listener.accept().await {
                 Ok((stream, address)) => {
                     let _ = stream.set_nodelay(true);
-                    return (BoundedConnection::new(stream, permit), address);
+                    let connection = BoundedConnection::new(stream, permit);
+                    return (MaybeTls::new(connection, self.tls.as_ref()), address);
                 }
                 Err(_) => tokio::time::sleep(ERROR_DELAY).await,
             }

@@ -30,20 +30,21 @@ const SECURITY_HEADERS: [(&str, &str); 6] = [
 pub(crate) struct Guard {
     names: Arc<[String]>,
     port: u16,
+    is_secure: bool,
 }
 
 impl Guard {
     /// Guard of a server at this port, which may also be addressed by a name.
-    pub(crate) fn new(port: u16, name: Option<&str>) -> Self {
+    pub(crate) fn new(port: u16, name: Option<&str>, is_secure: bool) -> Self {
         let names = ["localhost"].into_iter().chain(name).map(str::to_ascii_lowercase);
-        Self { names: names.collect(), port }
+        Self { names: names.collect(), port, is_secure }
     }
 
     /// Whether a `Host` is one of this server: a known name, or an address as such. An address cannot be rebound.
     fn is_own_host(&self, host: &str) -> bool {
         let (name, port) = match host.rsplit_once(':') {
             Some((name, port)) if !port.contains(']') => (name, port.parse::<u16>().ok()),
-            _ => (host, Some(80)),
+            _ => (host, Some(if self.is_secure { 443 } else { 80 })),
         };
         if port != Some(self.port) {
             return false;
@@ -57,7 +58,9 @@ impl Guard {
         let text = |name| headers.get(name).map(|value: &HeaderValue| value.to_str().unwrap_or("?"));
         let Some(host) = text(header::HOST) else { return false };
         let origin_is_own = text(header::ORIGIN).is_none_or(|origin| {
-            origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://")) == Some(host)
+            let plain = origin.strip_prefix("http://").filter(|_| !self.is_secure);
+            // Without TLS here, something before this server may add it.
+            plain.or_else(|| origin.strip_prefix("https://")) == Some(host)
         });
         let site = headers.get("sec-fetch-site").map(|value| value.to_str().unwrap_or("?"));
         let site_is_own = site.is_none_or(|site| matches!(site, "same-origin" | "none"));
@@ -84,7 +87,7 @@ mod tests {
 
     #[test]
     fn only_own_names_and_addresses_are_hosts() {
-        let guard = Guard::new(8181, Some("table.local"));
+        let guard = Guard::new(8181, Some("table.local"), false);
         for own in
             ["127.0.0.1:8181", "localhost:8181", "LOCALHOST:8181", "[::1]:8181", "192.168.1.5:8181", "table.local:8181"]
         {
@@ -107,7 +110,7 @@ mod tests {
 
     #[test]
     fn pages_from_elsewhere_are_refused() {
-        let guard = Guard::new(8181, None);
+        let guard = Guard::new(8181, None, false);
         let with = |pairs: &[(&'static str, &str)]| {
             let mut headers = HeaderMap::new();
             for &(name, value) in pairs {
@@ -123,5 +126,17 @@ mod tests {
         assert!(!with(&[host, ("origin", &origin("attacker.example"))]));
         assert!(!with(&[host, ("origin", &origin("localhost:8181"))]), "another name is another origin");
         assert!(!with(&[host, ("sec-fetch-site", "cross-site")]) && !with(&[host, ("sec-fetch-site", "same-site")]));
+    }
+
+    #[test]
+    fn over_tls_only_pages_of_tls_are_its_own() {
+        let guard = Guard::new(443, None, true);
+        let with = |scheme: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert("host", "127.0.0.1".parse().expect("a value"));
+            headers.insert("origin", format!("{scheme}:{}127.0.0.1", "//").parse().expect("a value"));
+            guard.permits(&headers)
+        };
+        assert!(with("https") && !with("http"));
     }
 }

@@ -9,6 +9,7 @@ use retrace_tui::UiCommand;
 use serde_json::Value;
 
 use crate::programs::ProgramFolders;
+use crate::tls::TlsFiles;
 
 /// Settings of a server.
 #[derive(Clone, Debug)]
@@ -17,6 +18,8 @@ pub struct ServeOptions {
     pub listen: SocketAddr,
     /// Name by which the server may be addressed, besides `localhost` and addresses.
     pub name: Option<String>,
+    /// Certificate and key, where the page is served over TLS.
+    pub tls: Option<TlsFiles>,
     /// Folders of programs.
     pub folders: ProgramFolders,
     /// What happens to a running program when the page in control loses its link.

@@ -46,8 +46,8 @@ impl ServeIdentity {
     }
 
     /// The server listens at this address.
-    pub(crate) fn set_address(&self, address: SocketAddr) {
+    pub(crate) fn set_address(&self, address: SocketAddr, is_secure: bool) {
         *self.address.lock().unwrap_or_else(PoisonError::into_inner) = Some(address);
-        self.sessions().set_port(address.port());
+        self.sessions().set_port(address.port(), is_secure);
     }
 }

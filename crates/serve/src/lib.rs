@@ -39,9 +39,12 @@ mod session;
 mod snapshot;
 mod socket;
 mod table_requests;
+mod tls;
 mod uploads;
+mod watched_folder;
 
 pub use host::{ServeHost, ServeOptions};
 pub use identity::ServeIdentity;
 pub use programs::ProgramFolders;
 pub use server::{ServeHandle, qr_code, start};
+pub use tls::TlsFiles;

@@ -84,6 +84,11 @@ impl ProgramFolders {
         listed
     }
 
+    /// Programs in the watched folder.
+    pub(crate) fn list_watched(&self) -> Vec<StoredProgram> {
+        self.watched.as_deref().map_or_else(Vec::new, |folder| list(folder, true))
+    }
+
     /// Path of a program.
     pub(crate) fn find(&self, name: &str) -> Option<PathBuf> {
         let folders = [self.programs.as_deref(), self.watched.as_deref()];

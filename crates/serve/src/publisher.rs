@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex};
 
 use retrace_controller::PlannedPath;
-use retrace_tui::{ScreenModel, lock_model, panel_status};
+use retrace_tui::{Rejection, ScreenModel, lock_model, panel_status};
 
 use crate::path_levels::PathLevels;
 use crate::snapshot::{LiveView, LogView, SeenState, StateView, is_retracing};
@@ -24,6 +24,8 @@ pub(crate) struct Snapshot {
     pub(crate) log: Arc<str>,
     /// The path, once it is known.
     pub(crate) path: Option<Arc<PathLevels>>,
+    /// The last order that was rejected after it had been passed on.
+    pub(crate) rejection: Arc<Rejection>,
     /// Number of the state that matters for starting motion.
     pub(crate) n: u32,
     /// Whether the machine is at rest.
@@ -82,7 +84,7 @@ impl Publisher {
 
     /// Takes a snapshot. `None` where nothing has changed since the last one.
     pub(crate) fn poll(&mut self) -> Option<Snapshot> {
-        let (state, live, log, seen, planned, flags) = {
+        let (state, live, log, seen, planned, flags, rejection) = {
             let model = lock_model(&self.model);
             if self.changes == Some(model.changes) && self.making.is_none() {
                 return None;
@@ -93,7 +95,8 @@ impl Publisher {
             let planned = model.facts.planned_path.clone();
             let flags = (model.at_rest, is_retracing(&model), model.stage == retrace_tui::ScreenStage::Job);
             let log = LogView::of(&model);
-            (StateView::of(&model, status), LiveView::of(&model), log, seen, planned, flags)
+            let rejection = Arc::clone(&model.rejection);
+            (StateView::of(&model, status), LiveView::of(&model), log, seen, planned, flags, rejection)
         };
         let path = self.path_of(planned);
         let n = self.number_of(seen);
@@ -109,6 +112,7 @@ impl Publisher {
             log: kept(self.log.as_ref() == Some(&log), before.map(|it| &it.log))
                 .unwrap_or_else(|| text(serde_json::to_string(&log))),
             path,
+            rejection,
             n,
             at_rest: flags.0,
             is_retracing: flags.1,
@@ -119,6 +123,7 @@ impl Publisher {
             !Arc::ptr_eq(&before.state, &next.state)
                 || !Arc::ptr_eq(&before.live, &next.live)
                 || !Arc::ptr_eq(&before.log, &next.log)
+                || !Arc::ptr_eq(&before.rejection, &next.rejection)
         });
         self.snapshot = Some(next.clone());
         is_new.then_some(next)

@@ -5,12 +5,13 @@
 use std::fs;
 use std::path::Path;
 
-use crate::answers::{ControlView, DoneView, RefusedView, WhereView};
+use crate::answers::{ControlView, DoneView, RefusedView, RejectedView, WhereView};
 use crate::hello::HelloView;
 use crate::messages::PageMessage;
 use crate::path_levels::PathView;
 use crate::snapshot::{LiveView, LogView, StateView};
 use crate::table_requests::{OffsetOrder, OffsetTable, ToolOrder, ToolRows};
+use crate::watched_folder::OfferView;
 
 #[test]
 fn the_schemas_in_the_docs_are_those_of_the_types() {
@@ -24,6 +25,8 @@ fn the_schemas_in_the_docs_are_those_of_the_types() {
         ("control", schemars::schema_for!(ControlView)),
         ("done", schemars::schema_for!(DoneView)),
         ("refused", schemars::schema_for!(RefusedView)),
+        ("rejected", schemars::schema_for!(RejectedView)),
+        ("offer", schemars::schema_for!(OfferView)),
         ("where", schemars::schema_for!(WhereView)),
         ("offsets", schemars::schema_for!(OffsetTable)),
         ("offsets-change", schemars::schema_for!(OffsetOrder)),

@@ -17,6 +17,7 @@ use axum::{Router, middleware::Next};
 use retrace_config::NumberedError;
 use retrace_tui::ScreenModel;
 use tokio::time::MissedTickBehavior;
+use tokio_rustls::TlsAcceptor;
 
 use crate::assets::page_file;
 use crate::connection::{BoundedListener, Peer};
@@ -29,7 +30,9 @@ use crate::server_state::Server;
 use crate::session::Rights;
 use crate::socket;
 use crate::table_requests;
+use crate::tls::TlsFiles;
 use crate::uploads::{self, MAX_UPLOAD};
+use crate::watched_folder::WatchedFolder;
 
 /// Interval of the snapshots, and of the check of a held jog.
 const TICK: Duration = Duration::from_millis(16);
@@ -39,6 +42,9 @@ const STUCK_AFTER: Duration = Duration::from_secs(5);
 
 /// The same while a page holds a jog, which this thread must end where the beats end.
 const STUCK_IN_JOG_AFTER: Duration = Duration::from_millis(250);
+
+/// Interval at which the watched folder is looked at.
+const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Time that the thread may take to end.
 const END_TIMEOUT: Duration = Duration::from_millis(500);
@@ -56,7 +62,7 @@ pub struct ServeHandle {
 /// Starts a server for the machine that this model shows.
 ///
 /// # Errors
-/// `E2419` where the address cannot be listened at.
+/// `E2419` where the address cannot be listened at; `E2427` and `E2428` where the certificate cannot be used.
 pub fn start(
     options: ServeOptions,
     model: Arc<Mutex<ScreenModel>>,
@@ -69,18 +75,20 @@ pub fn start(
         let remedy = "choose another address with --listen, for example 127.0.0.1:8282";
         NumberedError::new("E2419", format!("the page cannot be served at {listen}: {error}"), remedy)
     };
+    let tls = options.tls.as_ref().map(TlsFiles::acceptor).transpose()?;
+    let scheme = if tls.is_some() { "https" } else { "http" };
     let listener = TcpListener::bind(listen).map_err(|error| refused(&error))?;
     listener.set_nonblocking(true).map_err(|error| refused(&error))?;
     let address = listener.local_addr().map_err(|error| refused(&error))?;
-    identity.set_address(address);
+    identity.set_address(address, tls.is_some());
     let keys = identity.keys();
     let shown = match (&options.name, address.ip().is_unspecified()) {
         (Some(name), _) => format!("{name}:{}", address.port()),
         (None, true) => format!("localhost:{}", address.port()),
         (None, false) => address.to_string(),
     };
-    let addresses = [&keys.operate, &keys.watch].map(|token| format!("http://{shown}/#t={token}"));
-    let guard = Guard::new(address.port(), options.name.as_deref());
+    let addresses = [&keys.operate, &keys.watch].map(|token| format!("{scheme}://{shown}/#t={token}"));
+    let guard = Guard::new(address.port(), options.name.as_deref(), tls.is_some());
     let desk = OperatorDesk::new(model, host, options.folders.clone(), options.lost_control);
     let server = Arc::new(Server::new(desk, identity, options));
     // The first request is answered with a state, however early it comes.
@@ -94,10 +102,11 @@ pub fn start(
     let (told, shared) = (Arc::clone(&ends), Arc::clone(&server));
     let work = move || {
         runtime.block_on(async move {
-            let serving = serve(listener, guard, Arc::clone(&shared));
+            let serving = serve(listener, tls, guard, Arc::clone(&shared));
             tokio::select! {
                 _ = serving => {}
                 () = publish(&shared, &told) => {}
+                () = watch_folder(&shared) => {}
             }
         });
     };
@@ -121,8 +130,26 @@ async fn publish(server: &Server, ends: &AtomicBool) {
     }
 }
 
-async fn serve(listener: TcpListener, guard: Guard, server: Arc<Server>) -> io::Result<()> {
-    let listener = BoundedListener::new(tokio::net::TcpListener::from_std(listener)?);
+/// Offers programs that appear in the watched folder. It never ends.
+async fn watch_folder(server: &Arc<Server>) {
+    let mut folder = WatchedFolder::default();
+    let mut tick = tokio::time::interval(WATCH_INTERVAL);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tick.tick().await;
+        if server.desk.folders().watched.is_none() {
+            return std::future::pending().await;
+        }
+        let of = Arc::clone(server);
+        let listed = tokio::task::spawn_blocking(move || of.desk.folders().list_watched()).await;
+        if let Some(offer) = listed.ok().and_then(|listed| folder.poll(&listed)) {
+            server.set_offer(offer);
+        }
+    }
+}
+
+async fn serve(listener: TcpListener, tls: Option<TlsAcceptor>, guard: Guard, server: Arc<Server>) -> io::Result<()> {
+    let listener = BoundedListener::new(tokio::net::TcpListener::from_std(listener)?, tls);
     let app = router(guard, server).into_make_service_with_connect_info::<Peer>();
     axum::serve(listener, app).await
 }

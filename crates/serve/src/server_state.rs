@@ -15,6 +15,7 @@ use crate::host::ServeOptions;
 use crate::identity::ServeIdentity;
 use crate::operator_desk::OperatorDesk;
 use crate::session::Sessions;
+use crate::watched_folder::OfferView;
 
 /// Maximum number of pages at a time.
 pub(crate) const MAX_PAGES: usize = 16;
@@ -31,6 +32,8 @@ pub(crate) struct Server {
     pub(crate) options: ServeOptions,
     pub(crate) news: watch::Sender<u64>,
     pub(crate) receives_upload: Mutex<bool>,
+    /// The last program that was offered, with its number.
+    offer: Mutex<(u64, Option<OfferView>)>,
     /// Number that changes with the names of the pages.
     pub(crate) names_version: AtomicU64,
     identity: Arc<ServeIdentity>,
@@ -54,6 +57,7 @@ impl Server {
             identity: Arc::clone(identity),
             news: watch::channel(0).0,
             receives_upload: Mutex::new(false),
+            offer: Mutex::new((0, None)),
             names_version: AtomicU64::new(0),
             pages: Mutex::new(Pages::default()),
             begun: Instant::now(),
@@ -74,6 +78,19 @@ impl Server {
 
     pub(crate) fn sessions(&self) -> MutexGuard<'_, Sessions> {
         self.identity.sessions()
+    }
+
+    /// Number of the last offer, and the program.
+    pub(crate) fn offer(&self) -> (u64, Option<OfferView>) {
+        self.offer.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Offers a program on every page.
+    pub(crate) fn set_offer(&self, offered: OfferView) {
+        let mut offer = self.offer.lock().unwrap_or_else(PoisonError::into_inner);
+        *offer = (offer.0 + 1, Some(offered));
+        drop(offer);
+        self.news.send_modify(|number| *number += 1);
     }
 
     fn pages(&self) -> MutexGuard<'_, Pages> {

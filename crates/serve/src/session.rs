@@ -24,6 +24,10 @@ const MAX_SESSIONS: usize = 256;
 /// Time after which a session ends.
 const SESSION_TIME: Duration = Duration::from_secs(30 * 24 * 3600);
 
+/// Attributes of the cookie, without and with TLS.
+const PLAIN: &str = "HttpOnly; SameSite=Strict; Path=/";
+const SECURE: &str = "Secure; HttpOnly; SameSite=Strict; Path=/";
+
 /// What a session may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rights {
@@ -137,6 +141,8 @@ impl std::error::Error for LoginError {}
 pub(crate) struct Sessions {
     keys: Keys,
     cookie: String,
+    /// What a cookie has after its value.
+    attributes: &'static str,
     sessions: HashMap<String, Session>,
     wrong: HashMap<IpAddr, (Instant, u32)>,
 }
@@ -144,12 +150,16 @@ pub(crate) struct Sessions {
 impl Sessions {
     /// No sessions yet.
     pub(crate) fn new(keys: Keys) -> Self {
-        Self { keys, cookie: String::new(), sessions: HashMap::new(), wrong: HashMap::new() }
+        Self { keys, cookie: String::new(), attributes: PLAIN, sessions: HashMap::new(), wrong: HashMap::new() }
     }
 
     /// Names the cookie. Cookies ignore ports, so that the port is in the cookie's name.
-    pub(crate) fn set_port(&mut self, port: u16) {
-        self.cookie = format!("retrace-{port}");
+    /// Over TLS it is bound to this host and never sent in the clear.
+    pub(crate) fn set_port(&mut self, port: u16, is_secure: bool) {
+        (self.cookie, self.attributes) = match is_secure {
+            true => (format!("__Host-retrace-{port}"), SECURE),
+            false => (format!("retrace-{port}"), PLAIN),
+        };
     }
 
     /// Begins a session with a token. Returns its rights and the header that sets its cookie.
@@ -174,7 +184,7 @@ impl Sessions {
             oldest.and_then(|oldest| self.sessions.remove(&oldest));
         }
         let seconds = SESSION_TIME.as_secs();
-        let cookie = format!("{}={secret}; HttpOnly; SameSite=Strict; Path=/; Max-Age={seconds}", self.cookie);
+        let cookie = format!("{}={secret}; {}; Max-Age={seconds}", self.cookie, self.attributes);
         self.sessions.insert(secret, Session { rights, begun: now });
         Ok((rights, cookie))
     }
@@ -184,7 +194,7 @@ impl Sessions {
         if let Some(secret) = self.cookie_of(headers).map(str::to_owned) {
             self.sessions.remove(&secret);
         }
-        format!("{}=; HttpOnly; SameSite=Strict; Path=/; Max-Age=0", self.cookie)
+        format!("{}=; {}; Max-Age=0", self.cookie, self.attributes)
     }
 
     fn cookie_of<'h>(&self, headers: &'h HeaderMap) -> Option<&'h str> {
@@ -220,7 +230,7 @@ mod tests {
     fn sessions() -> (Sessions, Keys) {
         let keys = Keys::new(true).expect("random numbers");
         let mut sessions = Sessions::new(keys.clone());
-        sessions.set_port(8181);
+        sessions.set_port(8181, false);
         (sessions, keys)
     }
 
@@ -240,6 +250,18 @@ mod tests {
         assert_eq!(sessions.rights(&headers("cookie", &pair.replace("8181", "8182")), now), None);
         sessions.end(&sent);
         assert_eq!(sessions.rights(&sent, now), None);
+    }
+
+    #[test]
+    fn over_tls_the_cookie_is_secure_and_of_this_host() {
+        let (mut sessions, keys) = sessions();
+        sessions.set_port(8181, true);
+        let (_, cookie) = sessions.begin(&keys.watch, HOME, Instant::now()).expect("the right token");
+        assert!(cookie.starts_with("__Host-retrace-8181=") && cookie.contains("; Secure; HttpOnly;"), "{cookie}");
+        let pair = cookie.split(';').next().expect("a pair");
+        assert_eq!(sessions.rights(&headers("cookie", pair), Instant::now()), Some(Rights::Watch));
+        let plain = pair.replace("__Host-", "");
+        assert_eq!(sessions.rights(&headers("cookie", &plain), Instant::now()), None);
     }
 
     #[test]

@@ -12,6 +12,7 @@ use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use retrace_config::NumberedError;
+use retrace_tui::Rejection;
 use std::time::Instant;
 use tokio::time::MissedTickBehavior;
 
@@ -77,6 +78,8 @@ struct Page<'s> {
     log_sent: Option<Instant>,
     /// Whether the newest log was sent.
     log_is_sent: bool,
+    /// Number of the last offer of a program, and of the last rejection, that this page knows.
+    known: (u64, Option<u64>),
     wanted: VecDeque<(Arc<PathLevels>, u8, u32)>,
     answers: VecDeque<String>,
 }
@@ -92,6 +95,7 @@ impl<'s> Page<'s> {
             live_sent: Instant::now(),
             log_sent: None,
             log_is_sent: false,
+            known: (server.offer().0, None),
             wanted: VecDeque::new(),
             answers: VecDeque::new(),
         }
@@ -160,8 +164,24 @@ impl<'s> Page<'s> {
             send(socket, snapshot.log.as_ref().to_owned()).await?;
             (self.log_is_sent, self.log_sent) = (true, Some(Instant::now()));
         }
+        self.send_notices(socket, &snapshot.rejection).await?;
         self.sent = Some(now_sent);
         self.send_chunk(socket).await
+    }
+
+    /// Sends what is noticed once: a program that is offered, and to the page in control an order that was rejected.
+    async fn send_notices(&mut self, socket: &mut WebSocket, rejection: &Rejection) -> Result<(), axum::Error> {
+        let before = self.known.1.replace(rejection.count);
+        let is_holder = self.control.as_ref().is_some_and(|(control, ..)| control.holder() == Some(self.client));
+        if is_holder && before.is_some_and(|before| before != rejection.count) {
+            send(socket, answers::rejected(rejection)).await?;
+        }
+        let (number, offer) = self.server.offer();
+        if let Some(offer) = offer.filter(|_| number != self.known.0) {
+            self.known.0 = number;
+            send(socket, answers::message(&offer)).await?;
+        }
+        Ok(())
     }
 
     /// Sends one wanted chunk of the path, so that live figures go between.

@@ -56,7 +56,7 @@ mod tests;
 
 pub use diagnostic_text::diagnostic_lines;
 pub use model::{
-    Active, AlarmShown, AxisHoming, Message, MotionKind, Pause, Question, Redraw, ScreenModel, ScreenStage,
+    Active, AlarmShown, AxisHoming, Message, MotionKind, Pause, Question, Redraw, Rejection, ScreenModel, ScreenStage,
     TimeRemaining,
 };
 pub use model_observer::{ModelObserver, lock_model};

@@ -68,6 +68,19 @@ pub struct Message {
     pub times: u32,
 }
 
+/// Order of the operator that was passed on and then not carried out.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Rejection {
+    /// Number of rejections so far.
+    pub count: u64,
+    /// Error number, if it has one.
+    pub number: Option<&'static str>,
+    /// Cause.
+    pub cause: String,
+    /// Remedy; empty where the cause names it.
+    pub remedy: String,
+}
+
 /// A message that repeats one of the last few is counted instead of added.
 const REPEATED_WITHIN: usize = 8;
 
@@ -248,6 +261,10 @@ pub struct ScreenModel {
     pub pause: Option<Pause>,
     /// Source that the program is awaited from, and the period of that report, one second after the wait began.
     pub waiting: Option<(String, u64)>,
+    /// Whether the operator has stopped the job, whose end is still being recorded.
+    pub is_stopping: bool,
+    /// The last order that was rejected after it had been passed on.
+    pub rejection: Arc<Rejection>,
     /// Open question.
     pub question: Option<Question>,
     /// Of a resumed job: the oldest record in its history, and the length of the path from there, mm.
@@ -325,6 +342,8 @@ impl ScreenModel {
             differing_outputs: Vec::new(),
             pause: None,
             waiting: None,
+            is_stopping: false,
+            rejection: Arc::default(),
             question: None,
             history_before: None,
             messages: VecDeque::new(),
@@ -478,8 +497,16 @@ impl ScreenModel {
     pub fn end(&mut self, how: &str) {
         self.ended.get_or_insert(self.period);
         (self.stage, self.pause) = (ScreenStage::Ended(how.into()), None);
+        self.is_stopping = false;
         self.differing_outputs.clear();
         self.add_message(self.period as f64 * self.facts.period_s, self.line, how);
+    }
+
+    /// Shows that an order was rejected after it had been passed on.
+    pub fn reject(&mut self, number: Option<&'static str>, cause: impl Into<String>, remedy: impl Into<String>) {
+        let count = self.rejection.count + 1;
+        self.rejection = Arc::new(Rejection { count, number, cause: cause.into(), remedy: remedy.into() });
+        self.changes += 1;
     }
 
     /// Opens a question, or closes it with `None`.

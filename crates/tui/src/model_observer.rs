@@ -285,6 +285,10 @@ fn step_mm<const A: usize>(model: &ScreenModel, increments: &[i32; A]) -> f64 {
 /// Applies an event. Returns the pause before the operator's last command.
 fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> Option<Pause> {
     let mut keep = before;
+    if let EventKind::CommandRejected(why) = &event.kind {
+        model.is_stopping = false;
+        model.reject(None, why.to_string(), "");
+    }
     match &event.kind {
         EventKind::Started => begin(model, event),
         EventKind::Operator(command) => {
@@ -293,6 +297,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
                 model.single = !model.single;
             }
             match command {
+                OperatorCommand::Stop => model.is_stopping = true,
                 OperatorCommand::Recover => model.recovering = model.cut_end_line.is_some(),
                 // these take the machine elsewhere
                 OperatorCommand::Reverse(_)
@@ -373,7 +378,7 @@ fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
-    (model.cut_end_line, model.lost_cutter) = (None, None);
+    (model.cut_end_line, model.lost_cutter, model.is_stopping) = (None, None, false);
     (model.recovering, model.restarting) = (false, None);
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();

@@ -70,6 +70,9 @@ pub(crate) fn of(model: &ScreenModel) -> StatusHint {
             ];
             hint(HintLevel::Waiting, "ENDED", how, &actions)
         }
+        ScreenStage::Job if model.is_stopping => {
+            hint(HintLevel::Normal, "STOPPING", "the job is being stopped and recorded", &[KeyAction::Messages])
+        }
         ScreenStage::Job => match (model.pause, model.mode) {
             (Some(pause), _) => paused(model, pause),
             (None, Mode::Run) => normal(model),

@@ -458,3 +458,29 @@ fn a_key_that_does_nothing_here_says_when_it_does() {
     bench.keys("o77\n");
     assert!(matches!(&bench.key_state.open, OpenDialog::Prompt(PendingQuestion::Output, _, Some(_))));
 }
+
+/// From the order to stop until the end of the job is recorded, the state is neither the one before nor the end.
+#[test]
+fn a_job_that_is_being_stopped_says_so_until_it_has_ended() {
+    let machine = MachineConfig::built_in().expect("valid");
+    let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(ProgramFacts::of(&machine, "a.ngc", "")))));
+    let mut observer = ModelObserver::new(Arc::clone(&model));
+    let mut event = |kind| {
+        let event = Event { period: 1, time_s: 0.001, place: Place::default(), line: 13, kind };
+        Observer::<3>::on_telemetry(&mut observer, &Telemetry::Event(event));
+        crate::status_line::of(&lock_model(&model)).status
+    };
+    event(EventKind::Started);
+    lock_model(&model).pause = Some(crate::model::Pause::default());
+    let before = crate::status_line::of(&lock_model(&model)).status;
+    assert_ne!(before, "STOPPING");
+    assert_eq!(event(EventKind::Operator(OperatorCommand::Stop)), "STOPPING");
+    let why = retrace_controller::CommandError::NothingBehind;
+    assert_eq!(event(EventKind::CommandRejected(why)), before, "it was not stopped");
+    assert_eq!(lock_model(&model).rejection.count, 1);
+    assert_eq!(event(EventKind::Operator(OperatorCommand::Stop)), "STOPPING");
+    lock_model(&model).end("stopped by the operator");
+    assert_eq!(crate::status_line::of(&lock_model(&model)).status, "ENDED");
+    lock_model(&model).stage = ScreenStage::Setup;
+    assert_ne!(event(EventKind::Started), "STOPPING", "the next job runs");
+}

@@ -27,6 +27,7 @@ mod offsets;
 mod output;
 mod page;
 mod page_tables;
+mod page_tls;
 #[cfg(target_os = "linux")]
 mod ramp_pierce;
 mod real_time;

@@ -408,6 +408,47 @@ fn uploads_store_programs_and_never_start_the_machine() {
     assert_eq!(put("/api/v1/programs/late.ngc", &with_key).error_number(), "E2413");
 }
 
+/// A program that appears in the watched folder is offered once it is whole, and nothing is loaded or started.
+#[test]
+fn a_new_program_of_the_watched_folder_is_offered_and_never_loaded() {
+    let bench = Bench::new();
+    let watched = bench.path("watched");
+    std::fs::create_dir(&watched).expect("a folder");
+    std::fs::write(watched.join("old.ngc"), "G0 X1\nM2\n").expect("a file");
+    let (_server, mut page) = in_control(&bench, LINES, &["--watch", &watched.display().to_string()]);
+    page.listen(Duration::from_millis(1500));
+    assert_eq!(page.last("offer"), &Value::Null, "what was there is not new");
+    std::fs::write(watched.join("new.ngc"), "G21 G90 G94\nF600\nG1 X3\nM2\n").expect("a file");
+    page.wait_until("the offer", |page| page.last("offer")["name"] == "new.ngc");
+    page.listen(Duration::from_millis(1500));
+    assert_eq!((page.machine_mm(0), &page.last("state")["program"]["name"]), (0.0, &json!("program.ngc")));
+    done(&page.order("open new.ngc"));
+    page.wait_until("the program", |page| page.last("state")["program"]["name"] == "new.ngc");
+}
+
+/// What the machine does not carry out, after the order was passed on, is told to the page in control.
+#[test]
+fn an_order_that_is_rejected_later_is_told_to_the_page_that_gave_it() {
+    let bench = Bench::new();
+    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let mut watcher = server.page(&server.watch_token);
+    done(&page.order("mdi G1 F100 X90000"));
+    page.wait_until("the rejection", |page| page.last("rejected")["cause"].to_string().contains("soft limit"));
+    page.wait_for_word("READY");
+    page.listen(Duration::from_millis(300));
+    done(&page.order("cycle start"));
+    page.wait_until("10 mm", |page| page.machine_mm(0) > 10.0);
+    done(&page.order("pause"));
+    page.wait_for_word("PAUSED");
+    done(&page.order("park"));
+    page.wait_until("the rejection", |page| page.last("rejected")["cause"].to_string().contains("park"));
+    watcher.listen(Duration::from_millis(300));
+    assert_eq!(watcher.last("rejected"), &Value::Null, "it is not told to others");
+    assert_eq!(server.page(&server.token).last("rejected"), &Value::Null);
+    done(&page.order("stop"));
+    page.wait_for_word("ENDED");
+}
+
 /// One upload is received at a time.
 #[test]
 fn a_second_upload_waits_for_the_first() {

@@ -92,6 +92,12 @@ fn binary(root: &Path, target: &str) -> Result<PathBuf, String> {
     {
         command.env(variable, "rust-lld");
     }
+    // ring has parts in C and assembler: the compiler of this computer, or clang for another processor.
+    let compiler = format!("CC_{}", target.replace('-', "_"));
+    if target.ends_with("-musl") && std::env::var_os(&compiler).is_none() {
+        let is_own = target.starts_with(std::env::consts::ARCH);
+        command.env(compiler, if is_own { "cc" } else { "clang" });
+    }
     process::build(&mut command)
 }
 

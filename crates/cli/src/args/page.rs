@@ -27,6 +27,9 @@ pub struct PageOptions {
     /// Folder into which a CAM program writes; the page lists its programs too.
     #[arg(long, value_name = "DIR")]
     pub watch: Option<PathBuf>,
+    /// Serve over TLS, with a certificate and its private key as PEM files.
+    #[arg(long, value_names = ["CERT", "KEY"], num_args = 2)]
+    pub tls: Option<Vec<PathBuf>>,
     /// Name by which browsers may address the page, besides localhost and addresses.
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,

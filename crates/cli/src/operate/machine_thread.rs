@@ -220,6 +220,18 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Event(event));
     }
 
+    /// Reports that an order was not carried out: among the messages, and where it was given.
+    fn reject(&mut self, NumberedError { number, cause, remedy }: NumberedError) {
+        self.add_message(format!("{number}: {cause} · {remedy}"));
+        lock_model(&self.router.model).reject(Some(number), cause, remedy);
+    }
+
+    /// The same for an order without a number.
+    fn reject_text(&mut self, cause: &str) {
+        self.add_message(cause);
+        lock_model(&self.router.model).reject(None, cause, "");
+    }
+
     fn add_message(&mut self, text: impl Into<String>) {
         let time_s = self.card.status().period as f64 * self.machine.period_s();
         lock_model(&self.router.model).add_message(time_s, 0, text);
@@ -290,14 +302,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(ManualTaskDone::Completed { cut_short: true }) => self.add_message("stopped at the soft limit"),
             Ok(ManualTaskDone::Completed { .. }) => {}
             Ok(ManualTaskDone::Stopped) => self.add_message("stopped"),
-            Err(ManualTaskError::Numbered(refusal)) => {
-                self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
-            }
+            Err(ManualTaskError::Numbered(refusal)) => self.reject(refusal),
             Err(ManualTaskError::Block(lines)) => {
-                lines.iter().flat_map(|text| diagnostic_lines(text)).for_each(|line| self.add_message(line));
+                let lines: Vec<String> = lines.iter().flat_map(|text| diagnostic_lines(text)).collect();
+                let cause = lines.first().cloned().unwrap_or_default();
+                lines.into_iter().for_each(|line| self.add_message(line));
+                lock_model(&self.router.model).reject(None, cause, "");
             }
             Err(ManualTaskError::Card(_)) if *task == ManualTask::ClearAlarm => {
-                self.add_message("not cleared: its cause is still present")
+                self.reject_text("not cleared: its cause is still present")
             }
             // An alarm is reported at the next period at rest.
             Err(ManualTaskError::Card(CardError::Latched(_))) => {}
@@ -317,9 +330,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     fn set_tables(&mut self, change: &TableChange) {
         match table_edits::apply(&self.router.model, &self.machine, &mut self.mdi_context, change) {
             Ok(()) => self.add_message("offsets or tools were changed on a page"),
-            Err(NumberedError { number, cause, remedy }) => {
-                return self.add_message(format!("{number}: {cause} · {remedy}"));
-            }
+            Err(refusal) => return self.reject(refusal),
         }
         self.keep_tables();
         let active = Box::new(self.mdi_context.active());
@@ -330,7 +341,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Writes changed offsets and tools to their files, and shows them.
     fn keep_tables(&mut self) {
         if let Err(refusal) = self.table_keeper.write_changes(self.mdi_context.modal_snapshot()) {
-            self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
+            self.reject(refusal);
         }
         self.show_tables();
     }
@@ -368,9 +379,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 preview_thread::show_program::<A>(&self.router.model, machine, &self.program);
                 self.show_tables();
             }
-            Err(NumberedError { number, cause: what, remedy }) => {
-                self.add_message(format!("{number}: {what}. {remedy}"))
-            }
+            Err(refusal) => self.reject(refusal),
         }
     }
 
@@ -395,7 +404,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     fn run_from_line(&mut self, line: u32) {
         let lines = lock_model(&self.router.model).facts.program.lines();
         if line == 0 || line as usize > lines {
-            return self.add_message(format!("the program has no line {line}: it has {lines} lines"));
+            return self.reject_text(&format!("the program has no line {line}: it has {lines} lines"));
         }
         self.run_job(args::Run { start_line: Some(line), contour: None, ..self.args.clone() });
     }
@@ -406,10 +415,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             return;
         }
         if let Some(why) = self.cannot_begin() {
-            return self.add_message(why);
+            return self.reject_text(why);
         }
-        if let Err(NumberedError { number, cause: what, remedy }) = self.homing.check(&self.machine) {
-            return self.add_message(format!("{number}: {what} · {remedy}"));
+        if let Err(refusal) = self.homing.check(&self.machine) {
+            return self.reject(refusal);
         }
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let program = match self.open_checked_program(&machine) {

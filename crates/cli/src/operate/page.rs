@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_serve::{ProgramFolders, ServeHandle, ServeHost, ServeOptions};
+use retrace_serve::{ProgramFolders, ServeHandle, ServeHost, ServeOptions, TlsFiles};
 use retrace_tui::UiCommand;
 use serde_json::Value;
 
@@ -38,7 +38,8 @@ impl ServeHost for PageHost {
 /// Starts the server of the page, and prints its address.
 ///
 /// # Errors
-/// `E2419` where it cannot listen; `E2420` where a folder of programs is missing.
+/// `E2419` where it cannot listen; `E2420` where a folder of programs is missing; `E2427` and `E2428` where the
+/// certificate cannot be used.
 pub(super) fn start(
     args: &args::Run,
     machine: &MachineConfig,
@@ -56,6 +57,7 @@ pub(super) fn start(
     let options = ServeOptions {
         listen: page.listen,
         name: page.name.clone(),
+        tls: page.tls.as_deref().and_then(tls_files),
         folders: ProgramFolders { programs: page.programs.clone(), watched: page.watch.clone() },
         lost_control: machine.on_lost_control,
         seconds_per_count: 1.0 / counts_per_s,
@@ -66,13 +68,19 @@ pub(super) fn start(
     retrace_serve::start(options, Arc::clone(&router.model), Arc::new(host), &identity)
 }
 
+/// The two files of `--tls`.
+fn tls_files(paths: &[PathBuf]) -> Option<TlsFiles> {
+    let [certificate, key] = paths else { return None };
+    Some(TlsFiles { certificate: certificate.clone(), key: key.clone() })
+}
+
 /// Prints how the page is opened. With the terminal screen it is shown among the messages.
 pub(super) fn announce(args: &args::Run, page: &ServeHandle, has_terminal_screen: bool) -> Vec<String> {
     let mut lines = vec![format!("page: {}", page.address()), format!("for watching only: {}", page.watch_address())];
     if let Some(key) = page.upload_key() {
         lines.push(format!("key for uploads (X-Api-Key): {key}"));
     }
-    if !args.page.listen.ip().is_loopback() {
+    if !args.page.listen.ip().is_loopback() && args.page.tls.is_none() {
         lines.push(format!(
             "warning: other computers reach this page at {}; without TLS its address can be read on the network",
             args.page.listen
