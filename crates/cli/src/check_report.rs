@@ -139,6 +139,7 @@ impl<const A: usize> CheckReport<'_, A> {
                 "diameter_mm": tool.map(|tool| tool.diameter),
             })
         });
+        let fallbacks = analysis.plan_fallbacks();
         let range = |range: Option<ValueRange>| range.map(|range| [range.least, range.greatest]);
         json!({
             "event": "check",
@@ -148,6 +149,11 @@ impl<const A: usize> CheckReport<'_, A> {
             "moves": analysis.scan.moves,
             "period_ms": f64::from(self.machine.period_us) / 1000.0,
             "motion_s": self.seconds(analysis.motion_periods),
+            "plan_fallbacks": {
+                "no_plan": fallbacks.no_plan,
+                "stops_in_first_block": fallbacks.stops_in_first_block,
+                "approaches": fallbacks.approaches,
+            },
             "dwell_s": self.seconds(analysis.dwell_periods),
             "switch_s": self.seconds(analysis.switch_periods),
             "extents_mm": each(|room| room.extents_mm),

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use retrace_config::MachineConfig;
 use retrace_core::Flags;
 use retrace_link::{OutputChange, channel};
-use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, LimitError, PathMode, PlanFallbacks, Planner};
 
 use crate::block_decoder::BlockDecoder;
 use crate::canon_executor::WorkOffset;
@@ -145,6 +145,11 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             planner,
             path: None,
         })
+    }
+
+    /// How often no plan was found and a slower one was made instead.
+    pub fn plan_fallbacks(&self) -> PlanFallbacks {
+        self.planner.fallbacks()
     }
 
     fn count(&mut self) {

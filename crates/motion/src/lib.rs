@@ -72,3 +72,4 @@ pub use glide::Blending;
 pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::{MAX_OVERRIDE, MachineLimits};
 pub use planner::{FeedRate, PathMode, Planner};
+pub use run::PlanFallbacks;

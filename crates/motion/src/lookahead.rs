@@ -12,6 +12,11 @@
 //! up, or the start state allows no plan, there is none, and the caller continues its previous plan, which ends at
 //! rest.
 
+mod gate_tuning;
+mod profile_walk;
+
+use profile_walk::ProfileWalk;
+
 use crate::envelope::{Envelope, PathBlock, gate_acceleration};
 use crate::profile::{KinematicState, PathLimits, Profile, ProfileError, fastest};
 use crate::rest_to_rest;
@@ -77,8 +82,8 @@ const TRIES: (u8, u8) = (60, 40);
 const HALVINGS: u8 = 4;
 /// Shares of the speed that can be braked from, tried in turn.
 const EASED: [f64; 3] = [1.0, 0.75, 0.5];
-/// Gates that are further apart than this many blocks are not tried without the one between them.
-const DROP_REACH: usize = 256;
+/// How often the end of a slow block is tried as a gate.
+const SLOW_TRIES: u8 = 3;
 
 /// The planner's look-ahead; it retains its memory from plan to plan.
 #[derive(Debug, Default)]
@@ -88,6 +93,8 @@ pub(crate) struct LookAhead {
     tuned: Vec<PlanGate>,
     tries: Vec<u8>,
     work: usize,
+    /// End of the last of the slowest blocks that held down the crest of the last span; 0 where none did.
+    slow_end: usize,
 }
 
 impl LookAhead {
@@ -109,6 +116,7 @@ impl LookAhead {
         self.gates.clear();
         self.gates.push(PlanGate { junction: 0, v: v0, a: a0, limits: UNLIMITED, profile: Profile::default() });
         self.connect_all(blocks, end)?;
+        self.split_slow_spans(blocks);
         self.tune(blocks);
         out.extend(self.gates.windows(2).map(|g| Span {
             first: g[0].junction,
@@ -168,7 +176,15 @@ impl LookAhead {
                         *since = SpanLimits::of(&blocks[last..k]);
                     }
                 },
-                Err(error) if self.relax(blocks, k, to, since, (error, must))? => return Ok(true),
+                Err(ProfileError::TargetTooHigh) if self.has_slow_block(blocks, left, k, to, depth) => {
+                    let slow = self.slow_end;
+                    self.tries[slow] += 1;
+                    let (v, mut before) = (self.envelope.v[slow], SpanLimits::of(&blocks[left.junction..slow]));
+                    self.attach(blocks, slow, KinematicState::moving(v, 0.0), &mut before, (depth + 1, false))?;
+                    let last = self.gates.last().map_or(0, |gate| gate.junction);
+                    *since = SpanLimits::of(&blocks[last..k]);
+                }
+                Err(error) if self.relax(blocks, k, to, since, error)? => return Ok(true),
                 Err(ProfileError::TargetTooHigh) if k < blocks.len() => return Ok(false),
                 Err(error) if self.gates.len() == 1 => {
                     let eased = error == ProfileError::StartTooHigh
@@ -194,11 +210,12 @@ impl LookAhead {
         k: usize,
         to: KinematicState,
         since: &mut SpanLimits,
-        (error, must): (ProfileError, bool),
+        error: ProfileError,
     ) -> Result<bool, PlanError> {
         let Some(&left) = self.gates.last() else { return Ok(false) };
-        // The state at the end of the path does not change.
-        let levels = must && to.a != 0.0 && k < blocks.len();
+        // The state at the end of the path does not change. Every other junction is tried with zero acceleration: a
+        // gate that was dropped because it could not brake to this one is lost, even if this one is given up later.
+        let levels = to.a != 0.0 && k < blocks.len();
         if levels && self.push_span(blocks, left, k, KinematicState::moving(to.v, 0.0), since)? {
             return Ok(true);
         }
@@ -221,6 +238,19 @@ impl LookAhead {
             self.gates[last] = flat;
         }
         Ok(pushed)
+    }
+
+    /// Whether the cap of a slow block holds the crest of the last span, from `left`, below the speed at junction `k`.
+    ///
+    /// The end of that block is made a gate then. Otherwise every later junction may be too fast for that crest: the
+    /// search would never recover, and one span at the cap of the slow block would lead to the end of the path.
+    fn has_slow_block(&self, blocks: &[PathBlock], left: PlanGate, k: usize, to: KinematicState, depth: u8) -> bool {
+        let slow = self.slow_end;
+        slow > left.junction
+            && slow < k
+            && depth <= TRIES.1
+            && self.tries[slow] < SLOW_TRIES
+            && blocks[slow - 1].limits.v < to.v
     }
 
     /// Connects junction `k` over a gate half-distance, from where braking is possible however tight the limits are
@@ -313,6 +343,7 @@ impl LookAhead {
         let start = self.envelope.s[left.junction];
         let length = self.envelope.s[k] - start;
         let mut v = stretch.fastest;
+        self.slow_end = 0;
         for _ in 0..8 {
             self.work = self.work.checked_sub(1).ok_or(PlanError)?;
             let profile = match fastest(left.state(), to, length, PathLimits { v, ..stretch.tight }) {
@@ -323,16 +354,18 @@ impl LookAhead {
                 return Ok(Ok(profile));
             }
             let (peak, begin, end) = profile.crest();
-            let mut cap = f64::MAX;
+            let (mut cap, mut slow) = (f64::MAX, 0);
             for (m, block) in (left.junction..k).zip(&blocks[left.junction..k]) {
-                if self.envelope.s[m + 1] >= start + begin && self.envelope.s[m] <= start + end {
-                    cap = cap.min(block.limits.v);
+                let is_under_crest = self.envelope.s[m + 1] >= start + begin && self.envelope.s[m] <= start + end;
+                if is_under_crest && block.limits.v <= cap {
+                    (cap, slow) = (block.limits.v, m + 1);
                 }
             }
             if peak <= cap * (1.0 + 1e-9) {
                 return Ok(Ok(profile));
             }
             v = cap;
+            self.slow_end = slow;
         }
         Ok(Err(ProfileError::TargetTooHigh))
     }
@@ -352,128 +385,6 @@ impl LookAhead {
             }
         }
         found
-    }
-
-    /// Tries to drop or raise each gate. A change is accepted only where both spans it touches stay legal and together
-    /// take less time.
-    fn tune(&mut self, blocks: &[PathBlock]) {
-        let mut old = std::mem::take(&mut self.gates);
-        let mut new = std::mem::take(&mut self.tuned);
-        new.clear();
-        new.push(old[0]);
-        for g in 1..old.len() - 1 {
-            let (gate, right) = (old[g], old[g + 1]);
-            let Some(&left) = new.last() else { break };
-            let Ok(change) = self.better(blocks, left, gate, right) else {
-                new.extend_from_slice(&old[g..old.len() - 1]);
-                break;
-            };
-            match change {
-                GateChange::Keep => new.push(gate),
-                GateChange::Drop(merged) => old[g + 1] = merged,
-                GateChange::Move(moved, next) => {
-                    new.push(moved);
-                    old[g + 1] = next;
-                }
-            }
-        }
-        new.extend(old.last().copied());
-        self.gates = new;
-        self.tuned = old;
-    }
-
-    fn better(
-        &mut self,
-        blocks: &[PathBlock],
-        left: PlanGate,
-        gate: PlanGate,
-        right: PlanGate,
-    ) -> Result<GateChange, PlanError> {
-        let both = gate.limits.with(right.limits);
-        let s = |junction: usize| self.envelope.s[junction];
-        let time = gate.profile.duration() + right.profile.duration();
-        if time * both.tight.v <= (s(right.junction) - s(left.junction)) * (1.0 + 1e-9) {
-            return Ok(GateChange::Keep); // at the speed limit throughout
-        }
-        if right.junction - left.junction <= DROP_REACH
-            && let Ok(profile) = self.span(blocks, &left, right.junction, right.state(), both)?
-            && profile.duration() < time
-            && self.overshoot(left.junction, right.junction, &profile).is_none()
-        {
-            return Ok(GateChange::Drop(PlanGate { limits: both, profile, ..right }));
-        }
-        let cap = self.envelope.cap[gate.junction];
-        for v in [cap, 0.5 * (gate.v + cap)] {
-            if gate.v >= cap {
-                break;
-            }
-            let most = gate_acceleration(v, PathLimits { a: 0.9999 * both.tight.a, ..both.tight });
-            let to = KinematicState::moving(v, gate.a.clamp(-most, most));
-            let Ok(one) = self.span(blocks, &left, gate.junction, to, gate.limits)? else { continue };
-            let moved = PlanGate { v, a: to.a, profile: one, ..gate };
-            let Ok(two) = self.span(blocks, &moved, right.junction, right.state(), right.limits)? else { continue };
-            if one.duration() + two.duration() < time
-                && self.overshoot(left.junction, gate.junction, &one).is_none()
-                && self.overshoot(gate.junction, right.junction, &two).is_none()
-            {
-                return Ok(GateChange::Move(moved, PlanGate { profile: two, ..right }));
-            }
-        }
-        Ok(GateChange::Keep)
-    }
-}
-
-/// Change that tuning makes to one gate.
-enum GateChange {
-    Keep,
-    /// The gate is dropped; the next gate is reached by one span.
-    Drop(PlanGate),
-    /// The gate and the next gate, with their new spans.
-    Move(PlanGate, PlanGate),
-}
-
-/// Iterator over a profile by place, forward only.
-struct ProfileWalk<'a> {
-    profile: &'a Profile,
-    phase: usize,
-    state: KinematicState,
-    phase_end: f64,
-}
-
-impl<'a> ProfileWalk<'a> {
-    fn new(profile: &'a Profile) -> Self {
-        let mut walk = Self { profile, phase: 0, state: profile.start(), phase_end: 0.0 };
-        walk.phase_end = walk.end_of_phase().s;
-        walk
-    }
-
-    fn jerk(&self) -> f64 {
-        crate::profile::SIGNS[self.phase] * self.profile.jerk
-    }
-
-    fn end_of_phase(&self) -> KinematicState {
-        self.state.after(self.jerk(), self.profile.times[self.phase])
-    }
-
-    /// The state at place `s`, which must not decrease from call to call.
-    fn at(&mut self, s: f64) -> KinematicState {
-        while self.phase < 6 && s > self.phase_end {
-            self.state = self.end_of_phase();
-            self.phase += 1;
-            self.phase_end = self.end_of_phase().s;
-        }
-        let (jerk, longest) = (self.jerk(), self.profile.times[self.phase]);
-        let distance = s - self.state.s;
-        let mut t = if self.state.v > 0.0 { (distance / self.state.v).min(longest) } else { 0.5 * longest };
-        for _ in 0..12 {
-            let next_state = self.state.after(jerk, t);
-            let error = next_state.s - s;
-            if error.abs() < 1e-12 || next_state.v <= 0.0 {
-                break;
-            }
-            t = (t - error / next_state.v).clamp(0.0, longest);
-        }
-        self.state.after(jerk, t)
     }
 }
 

@@ -18,6 +18,7 @@ use crate::merge::{LinearMove, Merger, merging};
 use crate::path_planner::PathPlanner;
 use crate::piece::RAPID;
 use crate::pulses::counts_of;
+use crate::run::PlanFallbacks;
 
 /// Speed of a move.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -224,6 +225,12 @@ impl<const A: usize> Planner<A> {
     /// [`Flags::REST`].
     pub fn next_record(&mut self) -> Option<Record<A>> {
         self.path.next_record()
+    }
+
+    /// How often the search for a plan has failed so far, and a slower plan was made instead. Best is 0 of each.
+    #[must_use]
+    pub fn fallbacks(&self) -> PlanFallbacks {
+        self.path.fallbacks()
     }
 
     /// Unrounded set-point at the end of the last record.

@@ -53,6 +53,20 @@ pub(crate) struct PlanRun<const A: usize> {
     max_blocks: usize,
     /// Number of times that the plan could not be extended since it last was.
     failures: usize,
+    fallbacks: PlanFallbacks,
+}
+
+/// How often the search for a plan failed and a slower plan was made instead. The plan is legal all the same, but time
+/// is lost that a better search would not lose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlanFallbacks {
+    /// Sections of path for which no plan was found from any state of the plan before them: the motion comes to rest
+    /// first.
+    pub no_plan: u64,
+    /// Those of them that begin in motion, behind a glide, and stop on their first block.
+    pub stops_in_first_block: u64,
+    /// Those of them that end in a glide, which is approached at a lower feed than programmed, or else is not made.
+    pub approaches: u64,
 }
 
 /// Number of blocks after which a run is planned and partly committed even if they are short.
@@ -91,7 +105,13 @@ impl<const A: usize> PlanRun<A> {
             keep: 3.0 * stopping,
             max_blocks: MAX_BLOCKS,
             failures: 0,
+            fallbacks: PlanFallbacks::default(),
         }
+    }
+
+    /// Number of fallbacks so far.
+    pub(crate) fn fallbacks(&self) -> PlanFallbacks {
+        self.fallbacks
     }
 
     /// Sets the look-ahead to `blocks` blocks, whatever their length.
@@ -280,7 +300,9 @@ impl<const A: usize> PlanRun<A> {
 
     /// Plans the blocks behind the current plan, which ends at rest; false where that is to rest instead of `end`.
     fn plan_from_rest(&mut self, end: KinematicState) -> bool {
+        self.fallbacks.no_plan += 1;
         if self.planned == 0 && self.v > 0.0 {
+            self.fallbacks.stops_in_first_block += 1;
             self.stop_in_first_block();
         }
         if self.plan_from(self.planned, (0.0, 0.0), end) {

@@ -1,11 +1,11 @@
-//! Limits and path, checked on the emitted records (Q7, Q8).
+//! Limits and path, checked on the emitted records (Q7, Q8), and failures of the search (Q9).
 //!
 //! Invariant: the checks use the limits and the programmed moves, and nothing of the planner. A limit's share is taken
 //! of α·limit·Tᵏ, the k-th difference of unrounded set-points; the effect of rounding of the numbers themselves is
 //! subtracted first.
 
 use retrace_core::Record;
-use retrace_motion::{Arc, MachineLimits, PathMode};
+use retrace_motion::{Arc, MachineLimits, PathMode, PlanFallbacks};
 
 use crate::row::{Goal, Row};
 use crate::test_paths::{self, Numbers, TestMove, TestPath};
@@ -22,6 +22,8 @@ struct Verdict {
     periods: u64,
     /// Number of set-points that are not within the tolerance of any move near their own.
     astray: u64,
+    /// How often no plan was found: in all, behind a glide, into a glide.
+    fallbacks: [u64; 3],
 }
 
 impl Verdict {
@@ -32,11 +34,12 @@ impl Verdict {
             path: self.path.max(other.path),
             periods: self.periods + other.periods,
             astray: self.astray + other.astray,
+            fallbacks: std::array::from_fn(|k| self.fallbacks[k] + other.fallbacks[k]),
         }
     }
 }
 
-/// Rows of Q7 and Q8 in the planner.
+/// Rows of Q7, Q8 and Q9 in the planner.
 pub(crate) fn rows(full: bool) -> Vec<Row> {
     let (blocks, programs) = if full { (100_000, 2_000) } else { (10_000, 200) };
     let mut paths = test_paths::all(blocks);
@@ -70,6 +73,16 @@ pub(crate) fn rows(full: bool) -> Vec<Row> {
             all.path,
             Goal::AtMost(1.0),
             format!("{roads_text}; exact moves within half a pulse a side, {} positions beyond", all.astray),
+        ),
+        row(
+            "Q9",
+            "sections of path for which no plan was found, so that the motion stops before them",
+            all.fallbacks[0] as f64,
+            Goal::AtMost(0.0),
+            format!(
+                "{} stops behind a glide, {} glides approached at a lower feed; {roads_text}",
+                all.fallbacks[1], all.fallbacks[2]
+            ),
         ),
     ]
 }
@@ -116,7 +129,11 @@ impl<'r> LegalityCheck<'r> {
     fn of(path: &'r TestPath, limits: &MachineLimits<3>) -> Verdict {
         let mut judge =
             Self { path, limits: *limits, last: [[0.0; 3]; 3], counts: [0; 3], verdict: Verdict::default() };
-        path.play(|record, planner| judge.take(record, planner.set_point().position_mm));
+        path.play(|record, planner| {
+            judge.take(record, planner.set_point().position_mm);
+            let PlanFallbacks { no_plan, stops_in_first_block, approaches } = planner.fallbacks();
+            judge.verdict.fallbacks = [no_plan, stops_in_first_block, approaches];
+        });
         for _ in 0..3 {
             let [end, ..] = judge.last;
             judge.differences(end);

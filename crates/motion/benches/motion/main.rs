@@ -51,7 +51,7 @@ const ROWS: &[Group] = &[
     Group { names: &["Q2"], measure: quality::cut_line },
     Group { names: &["Q3"], measure: corners::rows },
     Group { names: &["Q4"], measure: quality::windows },
-    Group { names: &["Q7", "Q8"], measure: legality::rows },
+    Group { names: &["Q7", "Q8", "Q9"], measure: legality::rows },
     Group { names: &["S1"], measure: solver::speed },
     Group { names: &["S2", "S3", "S4", "S5"], measure: speed::rows },
 ];

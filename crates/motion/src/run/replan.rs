@@ -159,6 +159,7 @@ impl<const A: usize> PlanRun<A> {
     /// leave more acceleration along curves; false where that does not help either. So a glide that is possible at one
     /// feed override is hardly ever given up at another one.
     pub(super) fn approach(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> bool {
+        self.fallbacks.approaches += 1;
         let s = self.joints();
         let old: Vec<CommittedPlan<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
         // Start of the run, counted from its end.

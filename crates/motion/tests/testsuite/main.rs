@@ -4,6 +4,7 @@ mod common;
 mod corners;
 mod feed_override;
 mod feed_shares;
+mod look_ahead;
 mod plan;
 mod solver;
 mod source_glide;
