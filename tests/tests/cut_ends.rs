@@ -267,8 +267,10 @@ fn judge(end: End, trace: &Path) -> Result<Judged, String> {
     }
     let marked = all.iter().position(|sample| sample.inputs & MARK != 0).ok_or("the end is not in the trace")?;
     let mark_us = all[marked].at_us;
-    let last_on_us = all.windows(2).filter(|pair| is_on(&pair[0]) && !is_on(&pair[1])).map(|pair| pair[1].at_us).last();
-    let Some(off_us) = last_on_us else { return Ok(Judged { was_cutting: false, off_after_ms: 0.0 }) };
+    let last_off = all.windows(2).rfind(|pair| is_on(&pair[0]) && !is_on(&pair[1]));
+    let Some(off_us) = last_off.map(|pair| pair[1].at_us) else {
+        return Ok(Judged { was_cutting: false, off_after_ms: 0.0 });
+    };
     let limit_us = match end {
         // The card samples the input in the same period, or in the next.
         End::Alarm => mark_us + 2 * PERIOD_US,
