@@ -42,7 +42,8 @@ window.findByEye = (selector, text) => {
 const KEEP_PICTURE: &str = r"
 const getContext = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, attributes) {
-  return getContext.call(this, kind, kind === 'webgl2' ? { ...attributes, preserveDrawingBuffer: true } : attributes);
+  const isKept = kind === 'webgl2' && !window.picturesPass;
+  return getContext.call(this, kind, isKept ? { ...attributes, preserveDrawingBuffer: true } : attributes);
 };";
 
 /// A screen.

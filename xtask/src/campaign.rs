@@ -195,6 +195,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 200,
     },
     Campaign {
+        name: "page-dead",
+        purpose: "a page that dies while it holds a jog: the axis brakes within 200 ms of its last beat, by the wires",
+        test: ["retrace-tests", "page_dead", "a_dead_page_stops_its_jog"],
+        asked: BY_SEED,
+        full: 200,
+        slice: 20,
+    },
+    Campaign {
         name: "page",
         purpose: "a long program on the page in a browser: first picture, pictures a second, memory, from finger to \
             hold",

@@ -55,6 +55,11 @@ pub struct PlannedPath {
 }
 
 impl PlannedPath {
+    /// Path of these vertices and lines, without a profile.
+    pub(crate) fn from_parts(vertices: Vec<PathVertex>, lines: Vec<(u32, u32)>, records: u32) -> Self {
+        Self { vertices, lines, records, profile: PathProfile::default() }
+    }
+
     /// Vertices in the order of the path. The first one is where the machine is before the program.
     #[must_use]
     pub fn vertices(&self) -> &[PathVertex] {
@@ -124,7 +129,7 @@ impl PlannedPath {
 /// Thinning of a path in one pass: it keeps a vertex where the next one leaves the wedge of directions that pass all
 /// since the last kept one within the tolerance.
 #[derive(Clone, Debug)]
-struct Thinning {
+pub(crate) struct Thinning {
     tolerance_um: f64,
     /// Last vertex that was kept.
     anchor: Option<PathVertex>,
@@ -143,12 +148,12 @@ struct Wedge {
 }
 
 impl Thinning {
-    const fn new(tolerance_um: f64) -> Self {
+    pub(crate) const fn new(tolerance_um: f64) -> Self {
         Self { tolerance_um, anchor: None, pending: None, wedge: None }
     }
 
     /// Adds the next vertex. Returns the index of one to be kept, if that is certain now.
-    fn push(&mut self, vertex: PathVertex, index: u32) -> Option<u32> {
+    pub(crate) fn push(&mut self, vertex: PathVertex, index: u32) -> Option<u32> {
         let Some(anchor) = self.anchor else {
             self.anchor = Some(vertex);
             return Some(index);

@@ -132,13 +132,26 @@ new MotionKeys(place('motion-keys'), store, actions, orders);
 new Keyboard(store, orders, actions, { jogPad, pathView });
 followSignIn(store, connection);
 
-let frame = null;
+// Figures that change more often than this cannot be read, and each change is drawn, on some computers by the processor
+// that plans the motion.
+const FIGURES_MS = 66;
+let frame = null,
+  figuresAt = -Infinity,
+  figuresLater = null;
 const figures = [positionTable, feedPanel, scrubber];
-function showLive() {
-  frame = null;
+function showFigures() {
+  clearTimeout(figuresLater);
+  figuresLater = null;
+  figuresAt = performance.now();
   for (const part of figures) part.show();
   if (sideTabs.selected === 'program') listing.show();
   if (sideTabs.selected === 'zero') zeroPanel.show();
+}
+function showLive() {
+  frame = null;
+  const left = figuresAt + FIGURES_MS - performance.now();
+  if (left <= 0) showFigures();
+  else figuresLater ??= setTimeout(showFigures, left);
   if (stageTabs.selected === 'path') pathView.show();
 }
 store.on('live state', () => {

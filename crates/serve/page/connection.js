@@ -182,7 +182,10 @@ export class Connection {
     try {
       response = await fetch(path, options);
     } catch {
-      throw new RequestError(0, { cause: 'the server does not answer', remedy: 'Check the link to the machine.' });
+      throw new RequestError(0, {
+        cause: 'the server does not answer',
+        remedy: 'Check the link to the machine.',
+      });
     }
     const text = await response.text();
     let value = null;

@@ -59,7 +59,9 @@ export class Listing {
   showProgram() {
     const program = this.store.state?.program;
     if (!program) return;
-    const key = `${program.name} ${program.lines} ${program.path}`;
+    // While a job runs its path may grow; the text stays.
+    if (this.store.state.stage !== 'job') this.keyPath = program.path;
+    const key = `${program.name} ${program.lines} ${this.keyPath}`;
     const notes = [
       program.lines ? `${program.lines} lines` : null,
       program.planned_s ? formatDuration(program.planned_s) : null,

@@ -16,11 +16,14 @@ export class Notices {
     this.messageLine = messageLine;
   }
 
-  /** Shows an error with `number`, `cause` and `remedy`. */
-  refuse({ number, cause, remedy }) {
+  /** Shows an error with `number`, `cause` and `remedy`, unless it is shown already: it may also come with the log. */
+  refuse(error) {
+    const { number, cause, remedy } = parts(error);
+    const key = `${number ?? ''} ${cause}`;
+    if ([...this.place.children].some(notice => notice.dataset.key === key)) return;
     const notice = element(
       'div',
-      { class: 'notice' },
+      { class: 'notice', data: { key } },
       sign('attention'),
       element(
         'p',
@@ -63,4 +66,10 @@ export class Notices {
   clear() {
     this.place.replaceChildren();
   }
+}
+
+/** Number, cause and remedy of an error; those of a line of the log, `E4304: cause · remedy`, where it is one. */
+function parts({ number, cause, remedy }) {
+  const line = number ? null : /^([EW]\d{4}): (.*?)(?: · (.*))?$/.exec(cause ?? '');
+  return line ? { number: line[1], cause: line[2], remedy: line[3] ?? remedy } : { number, cause, remedy };
 }

@@ -49,7 +49,9 @@ export class OffsetPanel {
     const head = ['', ...axes.map(axis => axis.name), 'rotation'];
     const rows = offsets.systems.map(row => {
       const figures = row.mm.map((mm, index) =>
-        this.cell(`${row.name} ${axes[index].name}`, mm, axes[index].isLinear, value => this.changeSystem(row, index, value)),
+        this.cell(`${row.name} ${axes[index].name}`, mm, axes[index].isLinear, value =>
+          this.changeSystem(row, index, value),
+        ),
       );
       const rotation = this.cell(`${row.name} rotation`, row.rotation_deg, false, value =>
         this.change({ systems: [{ ...row, rotation_deg: value }] }),

@@ -45,6 +45,7 @@ export class PathChunks {
         kept.delete(key);
         return {
           ...chunk,
+          path: message.path,
           level: level.level,
           index,
           mesh: old?.mesh ?? null,
@@ -220,6 +221,20 @@ export class PathChunks {
     this.lengths = { records, lengths };
     return this.lengths;
   }
+}
+
+/** Stretches `{chunk, from, count}` of vertices of these chunks whose lines have records between two. */
+export function segmentsBetween(chunks, first, last) {
+  const stretches = [];
+  for (const chunk of chunks) {
+    const [low, high] = recordsOf(chunk);
+    const begin = chunk.hasJoint ? chunk.words[3] & RECORD_MASK : low;
+    if (high < first || begin > last) continue;
+    const from = Math.max(vertexAt(chunk, first) - 1, chunk.hasJoint ? 0 : 1);
+    const end = Math.min(vertexAt(chunk, last), chunk.count);
+    if (end > from) stretches.push({ chunk, from, count: end - from + 1 });
+  }
+  return stretches;
 }
 
 function recordsOf({ words, count }) {

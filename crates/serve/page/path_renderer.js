@@ -4,11 +4,14 @@
 // call a chunk.
 
 import { VERTEX_BYTES } from './path_decoder.js';
+import { PathLayer } from './path_layer.js';
 import { makePrograms } from './path_shaders.js';
 
 const PICK_RADIUS = 12;
 const MAX_THICK = 250_000;
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render|software/i;
+/** Largest record that a vertex can have. */
+const NEVER = 0x3fffffff;
 const EVERYTHING = [-3e38, 3e38];
 
 /** Whether this browser draws WebGL on the CPU. Decides about antialiasing, which then costs too much. */
@@ -21,12 +24,30 @@ function drawsInSoftware() {
   return SOFTWARE.test(String(renderer));
 }
 
+/** Edges of a box in one stroke, as vertices of rapids that are never reached: they are drawn dashed. */
+function boxVertices(box) {
+  const corners = '0132045764623751'.split('').map(Number);
+  const data = new ArrayBuffer((corners.length + 1) * VERTEX_BYTES),
+    floats = new Float32Array(data),
+    words = new Uint32Array(data);
+  corners.forEach((corner, index) => {
+    const at = (index + 1) * 4;
+    for (let axis = 0; axis < 3; axis++) floats[at + axis] = box[axis + (((corner >> axis) & 1) === 1 ? 3 : 0)];
+    words[at + 3] = NEVER;
+  });
+  return { data, count: corners.length };
+}
+
 /** Renderer. Throws where there is no WebGL 2. */
 export class PathRenderer {
   constructor(canvas, { onLost, onRestored }) {
     this.canvas = canvas;
     this.isSoftware = drawsInSoftware();
-    this.gl = canvas.getContext('webgl2', { antialias: !this.isSoftware, alpha: false, powerPreference: 'low-power' });
+    this.gl = canvas.getContext('webgl2', {
+      antialias: !this.isSoftware,
+      alpha: false,
+      powerPreference: 'low-power',
+    });
     if (!this.gl) throw new Error('this browser has no WebGL 2');
     this.isLost = false;
     canvas.addEventListener('webglcontextlost', event => {
@@ -48,7 +69,9 @@ export class PathRenderer {
     // An attribute that no array feeds still needs the shader's type, or nothing is drawn.
     gl.vertexAttribI4ui(1, 0, 0, 0, 0);
     gl.vertexAttribI4ui(3, 0, 0, 0, 0);
-    this.pickTarget = null;
+    this.pickTarget = this.box = null;
+    // A graphics card draws everything anew as fast, and smoother.
+    this.layer = this.isSoftware ? new PathLayer(gl) : null;
     this.drawnVertices = 0;
   }
 
@@ -63,6 +86,20 @@ export class PathRenderer {
     this.point(0, 0, 0);
     gl.bindVertexArray(null);
     return mesh;
+  }
+
+  /** Sets the limits of the machine, `[x0, y0, z0, x1, y1, z1]` in mm of the path, or null. */
+  setBox(box) {
+    const key = box?.join() ?? '';
+    if (this.isLost || key === (this.box?.key ?? '')) return;
+    if (this.box) this.free(this.box.mesh);
+    const vertices = box && boxVertices(box);
+    this.box = box ? { key, count: vertices.count, mesh: this.make(vertices.data) } : null;
+  }
+
+  /** The limits as a stretch of vertices: a list of one or none. */
+  boxStretches() {
+    return this.box ? [{ chunk: this.box, from: 1, count: this.box.count }] : [];
   }
 
   /** Feeds the attributes of one end of the segments, from this offset in bytes. */
@@ -119,15 +156,47 @@ export class PathRenderer {
     const { gl, canvas } = this;
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(...state.paper);
+    if (this.layer) {
+      this.layer.draw(camera, state, chunks, {
+        clear: () => {
+          gl.clear(gl.COLOR_BUFFER_BIT);
+          this.use('ink', camera, state, 0);
+          this.drawStretches(this.boxStretches());
+        },
+        boxKey: this.box?.key,
+        drawThin: stretches => {
+          this.use('ink', camera, state, 0);
+          this.drawStretches(stretches);
+        },
+      });
+      this.drawRanges(camera, state, ranges);
+      return;
+    }
     gl.clear(gl.COLOR_BUFFER_BIT);
+    this.use('ink', camera, state, 0);
+    this.drawStretches(this.boxStretches());
     const vertices = chunks.reduce((sum, chunk) => sum + chunk.count, 0);
     // Lines are one device pixel wide. On fine displays that is too thin, and a graphics card draws quads as fast.
     const width = !this.isSoftware && state.ratio > 1 && vertices < MAX_THICK ? 0.8 * state.ratio : 0;
     this.use('ink', camera, state, width);
     if (width > 0) this.drawQuads(chunks);
     else this.drawThin(chunks);
+    this.drawRanges(camera, state, ranges);
+  }
+
+  drawRanges(camera, state, ranges) {
     for (const range of ranges) this.drawThick(camera, state, range);
-    gl.bindVertexArray(null);
+    this.gl.bindVertexArray(null);
+  }
+
+  drawStretches(stretches) {
+    const { gl } = this;
+    this.drawnVertices = 0;
+    for (const { chunk, from, count } of stretches) {
+      gl.bindVertexArray(chunk.mesh.thin);
+      gl.drawArrays(gl.LINE_STRIP, from, count);
+      this.drawnVertices += count;
+    }
   }
 
   drawThin(chunks) {

@@ -4,7 +4,6 @@
 
 import { button, element, setText, svgElement } from './element.js';
 import { PathCamera, VIEWS } from './path_camera.js';
-import { boxOutline } from './box_outline.js';
 import { PathChunks } from './path_chunks.js';
 import { PathRenderer } from './path_renderer.js';
 import { followGestures } from './path_gestures.js';
@@ -28,9 +27,6 @@ export class PathView {
     this.camera = new PathCamera();
     this.colours = pathColours();
     this.canvas = element('canvas', { id: 'path-canvas', role: 'img', 'aria-label': 'Tool path' });
-    this.limits = svgElement('svg', { class: 'limits', 'aria-hidden': 'true' });
-    this.limitLine = svgElement('path');
-    this.limits.append(this.limitLine);
     this.tool = mark('tool', 'M12 2v20M2 12h20M12 5a7 7 0 1 0 0 14a7 7 0 1 0 0-14z');
     this.furthest = mark('furthest', 'M12 3l9 9-9 9-9-9z');
     this.ghost = mark('ghost', 'M12 4a8 8 0 1 0 0 16a8 8 0 1 0 0-16z');
@@ -40,7 +36,6 @@ export class PathView {
       'div',
       { id: 'path-view' },
       this.canvas,
-      this.limits,
       this.furthest,
       this.ghost,
       this.tool,
@@ -138,6 +133,16 @@ export class PathView {
 
   setPath(path) {
     const isNew = this.shownPath !== path.path;
+    // The path of a job that grows while it is executed takes the place of what is shown once it can be drawn.
+    if (isNew && this.shownPath !== null && this.renderer && this.store.state?.stage === 'job') {
+      this.coming?.clear();
+      this.coming = new PathChunks(this.renderer);
+      this.coming.setPath(path);
+      this.askForComing();
+      return;
+    }
+    this.coming?.clear();
+    this.coming = null;
     this.chunks.setPath(path);
     this.shownPath = path.path;
     if (isNew) {
@@ -150,21 +155,45 @@ export class PathView {
     this.requestFrame();
   }
 
+  askForComing() {
+    const [level] = this.coming.levels;
+    for (const want of this.coming.missing(level, level.chunks, performance.now())) this.connection.send(want);
+    return level.chunks.every(chunk => chunk.mesh);
+  }
+
+  /** Shows the path that has come, from where one looked before. */
+  showComing() {
+    const before = this.origin();
+    this.chunks.clear();
+    [this.chunks, this.coming] = [this.coming, null];
+    this.shownPath = this.chunks.path.path;
+    const after = this.origin();
+    this.camera.center = this.camera.center.map((value, axis) => value + before[axis] - after[axis]);
+    this.blockRange = this.blockLine = null;
+    if (this.follows) this.fit(this.follows);
+    this.locateBlock();
+    this.requestFrame();
+  }
+
   /** Shows no path: the program has none. */
   clearPath() {
     if (this.shownPath === null) return;
     this.chunks.clear();
-    this.store.path = null;
+    this.coming?.clear();
+    this.coming = this.store.path = null;
     this.shownPath = this.blockRange = this.blockLine = null;
     this.requestFrame();
   }
 
   acceptChunk(message) {
-    if (this.chunks.accept(message, performance.now())) this.requestFrame();
+    const now = performance.now();
+    if (this.coming?.accept(message, now)) {
+      if (this.askForComing()) this.showComing();
+    } else if (this.chunks.accept(message, now)) this.requestFrame();
   }
 
   origin() {
-    return this.store.path?.origin_mm ?? [0, 0, 0];
+    return this.chunks.path?.origin_mm ?? [0, 0, 0];
   }
 
   toPath(mm) {
@@ -173,7 +202,7 @@ export class PathView {
   }
 
   programBox() {
-    const bounds = this.store.path?.bounds_mm;
+    const bounds = this.chunks.path?.bounds_mm;
     return bounds ? [...this.toPath(bounds[0]), ...this.toPath(bounds[1])] : null;
   }
 
@@ -324,6 +353,7 @@ export class PathView {
       if (wants.length > 0) this.again = setTimeout(() => this.requestFrame(), 4100);
     }
     this.chosenChunks = chunks;
+    this.renderer?.setBox(this.store.hello ? this.tableBox() : null);
     this.renderer?.draw(this.camera, this.state(), chunks, this.ranges());
     this.placeMarks();
   }
@@ -343,7 +373,7 @@ export class PathView {
   }
 
   placeMarks() {
-    const { live, hello } = this.store,
+    const { live } = this.store,
       { chunks, camera } = this;
     const put = (node, point) => {
       const [x, y] = point ? camera.project(point) : [-1e3, -1e3];
@@ -356,12 +386,6 @@ export class PathView {
     const isBack = live && live.reached - live.record > 1;
     put(this.furthest, isBack ? chunks.positionOf(live.reached) : null);
     put(this.ghost, this.ghostRecord === null ? null : chunks.positionOf(this.ghostRecord));
-    const box = hello ? this.tableBox() : null;
-    const outline = box ? boxOutline(box, camera) : '';
-    if (outline !== this.outline) {
-      this.outline = outline;
-      this.limitLine.setAttribute('d', outline);
-    }
     if (live) {
       this.canvas.setAttribute(
         'aria-label',

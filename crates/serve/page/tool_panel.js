@@ -86,7 +86,12 @@ export class ToolPanel {
       text,
       () => {
         if (isOff(node)) return;
-        enterValue({ title, value: tool[field], least, run: value => this.change({ ...tool, [field]: value }) });
+        enterValue({
+          title,
+          value: tool[field],
+          least,
+          run: value => this.change({ ...tool, [field]: value }),
+        });
       },
       { class: 'value', 'aria-label': `${title}: ${text}` },
     );

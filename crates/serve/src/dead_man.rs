@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use crate::control::Client;
 
-/// Time without a beat after which a jog ends.
-pub(crate) const BEAT_TIMEOUT: Duration = Duration::from_millis(200);
+/// Time without a beat after which a jog ends. The axis begins to brake within 200 ms of the last beat: what is left of
+/// them is for the way to the card.
+pub(crate) const BEAT_TIMEOUT: Duration = Duration::from_millis(160);
 
 /// The jog that is held, if there is one. Times are those since the server began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,6 +51,11 @@ impl DeadMan {
         self.held.take_if(|held| now >= held.heard + BEAT_TIMEOUT).is_some()
     }
 
+    /// Time until the jog ends, unless a beat comes.
+    pub(crate) fn left(&self, now: Duration) -> Option<Duration> {
+        self.held.map(|held| (held.heard + BEAT_TIMEOUT).saturating_sub(now))
+    }
+
     /// Whether a jog is held.
     pub(crate) fn is_held(&self) -> bool {
         self.held.is_some()
@@ -65,12 +71,13 @@ mod tests {
     }
 
     #[test]
-    fn a_jog_ends_200_ms_after_its_last_beat() {
+    fn a_jog_ends_160_ms_after_its_last_beat() {
         let mut switch = DeadMan::default();
         switch.press(1, 7, ms(0));
-        assert!(!switch.beat(1, 7, ms(150)) && !switch.is_overdue(ms(349)));
-        assert!(switch.is_overdue(ms(350)) && !switch.is_overdue(ms(351)), "it ends once");
-        assert!(!switch.beat(1, 7, ms(352)) && !switch.is_held(), "a late beat does not begin it again");
+        assert!(!switch.beat(1, 7, ms(150)) && !switch.is_overdue(ms(309)));
+        assert_eq!((switch.left(ms(300)), switch.left(ms(311))), (Some(ms(10)), Some(ms(0))));
+        assert!(switch.is_overdue(ms(310)) && !switch.is_overdue(ms(311)), "it ends once");
+        assert!(!switch.beat(1, 7, ms(312)) && !switch.is_held(), "a late beat does not begin it again");
     }
 
     #[test]

@@ -106,6 +106,11 @@ impl OperatorDesk {
         self.jog_is_held.load(Ordering::Relaxed)
     }
 
+    /// Time until a held jog ends, unless a beat comes.
+    pub(crate) fn jog_left(&self) -> Option<Duration> {
+        self.state().dead_man.left(self.now())
+    }
+
     /// Changes the dead man's switch.
     fn switch<T>(&self, state: &mut DeskState, change: impl FnOnce(&mut DeadMan) -> T) -> T {
         let changed = change(&mut state.dead_man);
@@ -122,7 +127,7 @@ impl OperatorDesk {
         let now = self.now();
         let mut state = self.state();
         if self.switch(&mut state, |switch| switch.is_overdue(now)) {
-            self.stop_jog("the jog ended: the page sent no beat for 200 ms");
+            self.stop_jog("the jog ended: the page sent no beat");
         }
         let snapshot = state.publisher.poll();
         if snapshot.is_some() {

@@ -92,7 +92,7 @@ impl Publisher {
             self.changes = Some(model.changes);
             let status = panel_status(&model);
             let seen = SeenState::of(&model, &status);
-            let planned = model.facts.planned_path.clone();
+            let planned = model.facts.planned_path.as_ref().or(model.executed_path.as_ref()).cloned();
             let flags = (model.at_rest, is_retracing(&model), model.stage == retrace_tui::ScreenStage::Job);
             let log = LogView::of(&model);
             let rejection = Arc::clone(&model.rejection);

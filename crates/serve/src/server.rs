@@ -120,7 +120,12 @@ async fn publish(server: &Server, ends: &AtomicBool) {
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut control = None;
     while !ends.load(Ordering::Relaxed) {
-        tick.tick().await;
+        // A jog without beats ends at its time, and not at the tick behind it.
+        let left = server.desk.jog_left().unwrap_or(TICK);
+        tokio::select! {
+            _ = tick.tick() => {}
+            () = tokio::time::sleep(left), if left < TICK => {}
+        }
         let (snapshot, now) = server.desk.advance();
         server.show_life();
         if snapshot.is_some() || control.as_ref() != Some(&now) {

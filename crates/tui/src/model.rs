@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use retrace_controller::{ContourStates, CutterState, DifferingOutput};
+use retrace_controller::{ContourStates, CutterState, DifferingOutput, PlannedPath};
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -273,6 +273,8 @@ pub struct ScreenModel {
     pub messages: VecDeque<Message>,
     /// Path of the tool.
     pub trail: Trail,
+    /// Path as it was executed, of a job whose planned path is not known.
+    pub executed_path: Option<Arc<PlannedPath>>,
     /// Lengths along the path.
     pub lengths: PathLengths,
     /// Number of underruns of the look-ahead.
@@ -348,6 +350,7 @@ impl ScreenModel {
             history_before: None,
             messages: VecDeque::new(),
             trail: Trail::default(),
+            executed_path: None,
             lengths: PathLengths::from(Place::start_of(first)),
             underruns: 0,
             redraw: Redraw::default(),
@@ -513,6 +516,13 @@ impl ScreenModel {
     pub fn ask(&mut self, question: Option<Question>) {
         self.question = question;
         self.changes += 1;
+    }
+
+    /// Closes the box of a refused program.
+    pub fn close_refusal(&mut self) {
+        if self.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) {
+            self.clear_alarm();
+        }
     }
 
     /// Removes the alarm.

@@ -7,10 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
 use retrace_controller::{
-    CutterOffReason, DncEvent, DncStep, Event, EventKind, Observer, OperatorCommand, PeriodRecord, Telemetry,
+    CutterOffReason, DncEvent, DncStep, Event, EventKind, ExecutedPath, Observer, OperatorCommand, PathKind,
+    PeriodRecord, Telemetry,
 };
 use retrace_core::mode::Mode;
-use retrace_core::{Distance, RecordIndex};
+use retrace_core::{Distance, Place, RecordIndex};
 use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
 use retrace_link::{CutterOffCause, channel};
@@ -23,6 +24,10 @@ use crate::trail::{Trail, TrailPoint};
 
 /// Number of periods over which the displayed speed is averaged.
 const FEED_PERIODS: f64 = 32.0;
+
+/// Interval at which an executed path is shown, s, and what each of its vertices adds.
+const SHOWN_AFTER_S: f64 = 0.5;
+const SHOWN_AFTER_S_PER_VERTEX: f64 = 1e-5;
 
 /// Locks the model. After a panic of another thread the model is out of date at worst.
 pub fn lock_model(model: &Mutex<ScreenModel>) -> MutexGuard<'_, ScreenModel> {
@@ -37,6 +42,8 @@ pub struct ModelObserver {
     pause_before: Option<Pause>,
     modes: ModeHistory,
     program_outputs: ProgramOutputs,
+    /// Path of the job that runs, while its planned path is not known, and the period in which it is shown next.
+    executed: Option<(ExecutedPath, u64)>,
 }
 
 /// Maximum number of retained modal states.
@@ -128,7 +135,13 @@ impl ModelObserver {
     /// Observer of this model.
     #[must_use]
     pub fn new(model: Arc<Mutex<ScreenModel>>) -> Self {
-        Self { model, pause_before: None, modes: ModeHistory::default(), program_outputs: ProgramOutputs::default() }
+        Self {
+            model,
+            pause_before: None,
+            modes: ModeHistory::default(),
+            program_outputs: ProgramOutputs::default(),
+            executed: None,
+        }
     }
 }
 
@@ -141,6 +154,7 @@ impl<const A: usize> Observer<A> for ModelObserver {
             Telemetry::Period(period) => {
                 apply_period(&mut model, period);
                 if !period.off_path {
+                    record_executed(&mut self.executed, period.place, &mut model);
                     self.modes.show_state_at(period.place.record, period.reached, &mut model);
                     let program_outputs = self.program_outputs.outputs_at(period.place.record);
                     if *program_outputs != model.program_outputs {
@@ -185,6 +199,8 @@ impl<const A: usize> Observer<A> for ModelObserver {
                     _ => {}
                 }
                 if event.kind == EventKind::Started {
+                    model.executed_path = None;
+                    self.executed = Some((ExecutedPath::default(), 0));
                     model.moved_mm.fill(0.0);
                     self.modes = ModeHistory { tool: self.modes.tool, ..ModeHistory::from(event.place.record, &model) };
                 }
@@ -196,6 +212,34 @@ impl<const A: usize> Observer<A> for ModelObserver {
             }
         }
     }
+}
+
+/// Records where the machine is on its path, and shows the path so far now and then: a longer one less often. Where the
+/// planned path is known, that is shown.
+fn record_executed(executed: &mut Option<(ExecutedPath, u64)>, place: Place, model: &mut ScreenModel) {
+    if model.facts.planned_path.is_some() {
+        (*executed, model.executed_path) = (None, None);
+    }
+    let Some((path, shown_next)) = executed else { return };
+    let Ok(record) = u32::try_from(i64::from(RecordIndex::new(0).records_to(place.record))) else { return };
+    let is_lit = model.facts.cutters.iter().any(|cutter| model.output(cutter.fire) != 0);
+    let kind = match model.active.motion {
+        MotionKind::Rapid => PathKind::Rapid,
+        _ if is_lit || model.facts.cutters.is_empty() => PathKind::Cutting,
+        _ => PathKind::Feed,
+    };
+    path.push(model.in_space().map(|mm| (mm * 1e3).round() as i32), record, kind, model.line);
+    if model.period < *shown_next {
+        return;
+    }
+    let shown = Arc::new(path.path());
+    if shown.vertices().len() > 1
+        && model.executed_path.as_ref().is_none_or(|before| before.records() < shown.records())
+    {
+        model.executed_path = Some(shown);
+    }
+    let interval_s = SHOWN_AFTER_S + path.vertices() as f64 * SHOWN_AFTER_S_PER_VERTEX;
+    *shown_next = model.period + (interval_s / model.facts.period_s.max(1e-6)) as u64;
 }
 
 fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>) {

@@ -7,6 +7,7 @@ mod control;
 mod layout;
 mod million;
 mod motion;
+mod notices;
 mod program_view;
 mod retrace_by_bar;
 mod setting_up;

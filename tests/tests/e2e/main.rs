@@ -26,6 +26,7 @@ mod offsets;
 #[cfg(target_os = "linux")]
 mod output;
 mod page;
+mod page_paths;
 mod page_tables;
 mod page_tls;
 #[cfg(target_os = "linux")]

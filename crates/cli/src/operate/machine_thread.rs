@@ -161,7 +161,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                     lock_model(&self.router.model).optional_stop = on;
                 }
                 Ok(UiCommand::SetTables(change)) => self.set_tables(&change),
-                Ok(UiCommand::CloseRefusal) => self.close_refusal(),
+                Ok(UiCommand::CloseRefusal) => lock_model(&self.router.model).close_refusal(),
                 Ok(UiCommand::DryRun(on)) => {
                     self.machine.inhibits_outputs = on;
                     lock_model(&self.router.model).dry_run = on;
@@ -429,6 +429,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             return self.show_refusal(&refusal.to_string());
         }
         let Some(commands) = self.router.begin_job(self.start) else { return self.add_message("held before it began") };
+        let begins_inside = args.start_line.is_some() || args.contour.is_some();
+        if begins_inside {
+            preview_thread::hide_path(&self.router.model);
+        }
         if let Err(fault) = self.card.begin_path(PathStart::at(RecordIndex::new(0))) {
             self.router.end_job();
             return self.emit(EventKind::Alarm(CardError::from(fault)));
@@ -453,6 +457,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
         // The session reported the same alarm already.
         self.alarm = self.card.status().alarm;
+        if begins_inside {
+            self.check_again();
+        }
     }
 
     /// Script of a job besides the keys: optional stop, and the script of the command line.
@@ -545,14 +552,6 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         self.start = NOT_CANCELLABLE;
         for channel in lit {
             self.perform_task(&ManualTask::Output(channel, 0));
-        }
-    }
-
-    /// Closes the box of a refused program.
-    fn close_refusal(&mut self) {
-        let mut model = lock_model(&self.router.model);
-        if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) {
-            model.clear_alarm();
         }
     }
 

@@ -82,6 +82,12 @@ pub(super) fn check_again<const A: usize>(
     );
 }
 
+/// Shows no path: the records of a job that begins inside the program are not those of the whole program.
+pub(super) fn hide_path(model: &Mutex<ScreenModel>) {
+    let number = LATEST_CALCULATION.fetch_add(1, Ordering::Relaxed) + 1;
+    publish(model, number, |facts| ProgramFacts { planned_path: None, ..facts });
+}
+
 /// Updates the facts after the program was opened and checked again, for a position that may have changed.
 pub(super) fn update_facts<const A: usize>(
     model: &Arc<Mutex<ScreenModel>>,
@@ -135,11 +141,19 @@ fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, job: Preview
     }
     let model = Arc::clone(model);
     thread::spawn(move || {
+        lower_priority();
         let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         if LATEST_CALCULATION.load(Ordering::Relaxed) == number {
             calculate_preview::<A>(&model, number, job);
         }
     });
+}
+
+/// Lets everything else run first: the machine, its screens, and what draws them.
+fn lower_priority() {
+    // On Linux this is the priority of the calling thread alone. Where it is not permitted, nothing is lost.
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::setpriority_process(None, 10);
 }
 
 fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, job: PreviewJob) {
