@@ -123,7 +123,7 @@ impl Holds<'_> {
     fn measure(&mut self, when: &str) -> f64 {
         let mut by_finger: Vec<f64> = (0..HOLDS).map(|_| self.by_finger()).collect();
         let mut by_socket: Vec<f64> = (0..HOLDS).map(|_| self.by_socket()).collect();
-        let mut shown = |what: &str, times: &mut Vec<f64>| {
+        let shown = |what: &str, times: &mut Vec<f64>| {
             times.sort_by(f64::total_cmp);
             let (median, most) = (times[times.len() / 2], times[times.len() - 1]);
             println!("{what}{when}: median {median:.0} ms, at most {most:.0} ms");
