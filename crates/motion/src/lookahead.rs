@@ -116,6 +116,8 @@ impl LookAhead {
         self.gates.clear();
         self.gates.push(PlanGate { junction: 0, v: v0, a: a0, limits: UNLIMITED, profile: Profile::default() });
         self.connect_all(blocks, end)?;
+        // A raised gate needs no split, and a split makes gates that can be raised.
+        self.tune(blocks);
         self.split_slow_spans(blocks);
         self.tune(blocks);
         out.extend(self.gates.windows(2).map(|g| Span {
