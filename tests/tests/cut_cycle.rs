@@ -50,8 +50,8 @@ fn seconds(from: &Sample, to: &Sample) -> f64 {
     (to.at_us - from.at_us) as f64 / 1e6
 }
 
-/// Kinds of pierce: keys of the material, and the time from the proof to the first motion. One in motion begins with the
-/// proof.
+/// Kinds of pierce: keys of the material, and the time from the proof to the first motion. One in motion begins with
+/// the proof.
 const KINDS: [(&str, f64); 5] = [
     ("", PIERCE_S),
     ("pierce_mm = 1\npierce_feed_mm_per_min = 900\n", PIERCE_S),

@@ -202,7 +202,7 @@ fn quit(bench: &Bench, card: &ServedCard, at: Duration) {
 fn finish(end: End, host: &mut Host, card: &mut ServedCard, at: Duration) -> Result<(), String> {
     match end {
         // On a computer under load the line may run dry: the torch goes out, and the host waits for the operator.
-        End::Program | End::Stop => {
+        End::Program | End::Stop | End::Stall => {
             if host.wait().is_err() {
                 host.signal("-INT");
                 host.wait()?;
@@ -215,8 +215,6 @@ fn finish(end: End, host: &mut Host, card: &mut ServedCard, at: Duration) -> Res
             host.signal("-INT");
             return host.wait();
         }
-        // It ends with the alarm of the card.
-        End::Stall => host.wait()?,
         _ => {
             thread::sleep(at);
             match end {
