@@ -116,7 +116,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Applies a command that changes how the path is retraced. A reverse run to a target ends.
-    fn retrace(&mut self, order: ModeCommand) -> Result<(), CommandError> {
+    pub(super) fn retrace(&mut self, order: ModeCommand) -> Result<(), CommandError> {
         // Reversing again from where the cutter was switched confirms that the boundary may be passed.
         let boundary = self.cutter_boundary();
         let status = self.card.status();

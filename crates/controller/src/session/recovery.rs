@@ -121,7 +121,8 @@ impl CutRecovery {
 
     /// Ends a return to the end of the cut: the operator has taken over.
     pub(super) fn cancel_return(&mut self) {
-        (self.returning, self.chosen_start, self.asks) = (None, None, false);
+        (self.returning, self.chosen_start) = (None, None);
+        (self.asks, self.continues_when_rejoined) = (false, false);
     }
 
     pub(super) fn cutter(&self, channel: u8) -> Option<&CutterConfig> {
@@ -148,15 +149,18 @@ const NOT_RETAINED: CommandError =
     CommandError::NotNow("the instructions of the program are not retained back to this place");
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Goes to the furthest place, and continues the interrupted cut from there. Returns false where no cut was
-    /// interrupted.
-    fn continue_when_rejoined(&mut self) -> bool {
-        let rejoins = self.mode_controller.mode() == Mode::Rejoin && self.recovery.cut_end.is_some();
-        self.recovery.continues_when_rejoined |= rejoins;
-        rejoins
+    /// Goes forward to the furthest place, also from a hold, and continues the interrupted cut from there. Returns false
+    /// where no cut was interrupted.
+    fn continue_when_rejoined(&mut self) -> Result<bool, CommandError> {
+        if self.recovery.cut_end.is_none() {
+            return Ok(false);
+        }
+        self.retrace(ModeCommand::Leave { ask: false })?;
+        self.recovery.continues_when_rejoined = true;
+        Ok(true)
     }
 
-    /// Continues an interrupted cut whose job was resumed, once the machine is at the furthest place.
+    /// Continues an interrupted cut once the machine is at the furthest place.
     pub(super) fn recover_when_rejoined(&mut self) {
         let status = self.card.status();
         let is_there = status.at_rest && status.place == Place::start_of(status.reached);
@@ -188,7 +192,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn begin_recovery(&mut self) -> Result<bool, CommandError> {
         let is_there = self.card.status().place == self.furthest_place() && !self.restart.is_active();
         if self.mode_controller.mode() == Mode::Rejoin && !is_there {
-            return Ok(self.continue_when_rejoined());
+            return self.continue_when_rejoined();
         }
         if self.is_on_lead_in() {
             // Nothing was cut where the machine stands at its start; else it leads in anew.
@@ -220,10 +224,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                     self.cut_from_here(CutStart::Usual, false).map(|()| true)
                 }
                 // From before its pierce it goes forward first.
-                _ => {
-                    self.mode_controller.apply(ModeCommand::Leave { ask: false })?;
-                    Ok(self.continue_when_rejoined())
-                }
+                _ => self.continue_when_rejoined(),
             };
         }
         match self.back_to_cut_end() {
@@ -267,6 +268,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         {
             return Err(refused);
         }
+        self.recovery.cancel_return();
         self.back_target = None;
         self.contour_pass.cuts_all = cuts_all;
         self.return_and_start(start);

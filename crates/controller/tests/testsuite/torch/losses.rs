@@ -85,6 +85,22 @@ fn a_cut_is_recovered_from_any_place_behind() {
         job.assert_part_of(&whole);
         job.assert_safe();
     }
+    // Held on the way, it goes on with the same word; the torch is lit at the end of its cut and nowhere else.
+    let held = "at 3s back 30 mm\nafter 4s recover\nafter 0.1s hold\nafter 1s recover\n";
+    let job = run(&machine(), PROGRAM, "lose@20", held);
+    assert_eq!((&job.end.outcome, job.count(&EventKind::CutFromHere { moving: true })), (&Outcome::Completed, 1));
+    job.assert_part_of(&whole);
+    job.assert_safe();
+    // Whoever takes the machine elsewhere on the way has ended the recovery: nothing is lit without a word.
+    let left = "at 3s back 30 mm\nafter 4s recover\nafter 0.1s hold\nafter 1s leave ask\nafter 6s agree\n";
+    let job = run(&machine(), PROGRAM, "lose@20", left);
+    let period_of = |wanted: OperatorCommand| {
+        let event = job.events.iter().find(|event| event.kind == EventKind::Operator(wanted));
+        event.map(|event| event.period).expect("a command")
+    };
+    let waits = period_of(OperatorCommand::Leave { ask: true })..period_of(OperatorCommand::Confirm);
+    let lit = job.periods.iter().zip(&job.lit).filter(|(period, lit)| **lit && waits.contains(&period.period));
+    assert_eq!(lit.count(), 0);
     // What is ahead is not gone back to.
     let job = run(&machine(), PROGRAM, "lose@20", "at 3s back 30 mm\nafter 4s back to cut end\nafter 2s recover\n");
     assert!(
