@@ -139,7 +139,8 @@ impl PageServer {
     #[must_use]
     pub fn page(&self, token: &str) -> Page {
         let cookie = self.sign_in(token).expect("the token is right");
-        self.page_with(&[("Cookie", &cookie), ("Origin", &format!("http://{}", self.host))]).expect("it is accepted")
+        let headers = [("Cookie", cookie.as_str()), ("Origin", &format!("http://{}", self.host))];
+        Page { cookie: cookie.clone(), ..self.page_with(&headers).expect("it is accepted") }
     }
 
     /// Opens a WebSocket with these headers, if the server is there.
@@ -205,12 +206,14 @@ pub struct Page {
     pub chunks: (usize, usize),
     /// Number of messages `live`.
     pub live_count: usize,
+    /// Cookie of its session, if it has one.
+    pub cookie: String,
     orders: u32,
 }
 
 impl Page {
     fn new(socket: WebSocket<TcpStream>) -> Self {
-        Self { socket, last: serde_json::Map::new(), chunks: (0, 0), live_count: 0, orders: 0 }
+        Self { socket, last: serde_json::Map::new(), chunks: (0, 0), live_count: 0, cookie: String::new(), orders: 0 }
     }
 
     /// The last message of this kind.

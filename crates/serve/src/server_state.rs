@@ -46,7 +46,15 @@ pub(crate) struct Server {
 #[derive(Debug, Default)]
 struct Pages {
     last: Client,
-    names: HashMap<Client, String>,
+    open: HashMap<Client, OpenPage>,
+}
+
+/// A page that is open.
+#[derive(Debug)]
+struct OpenPage {
+    name: String,
+    /// Credential of the session that opened it.
+    credential: String,
 }
 
 impl Server {
@@ -97,34 +105,39 @@ impl Server {
         self.pages.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Number for a new page, if there is room for one.
-    pub(crate) fn connect(&self) -> Option<Client> {
+    /// Number for a new page of the session with this credential, if there is room for one.
+    pub(crate) fn connect(&self, credential: String) -> Option<Client> {
         let mut pages = self.pages();
-        if pages.names.len() >= MAX_PAGES {
+        if pages.open.len() >= MAX_PAGES {
             return None;
         }
         pages.last += 1;
         let client = pages.last;
-        pages.names.insert(client, format!("page {client}"));
+        pages.open.insert(client, OpenPage { name: format!("page {client}"), credential });
         Some(client)
     }
 
     /// A page is gone.
     pub(crate) fn disconnect(&self, client: Client) {
-        self.pages().names.remove(&client);
+        self.pages().open.remove(&client);
         self.desk.disconnect(client);
     }
 
     /// Name of a page; also of one that is gone.
     pub(crate) fn page_name(&self, client: Client) -> String {
-        self.pages().names.get(&client).cloned().unwrap_or_else(|| format!("page {client}"))
+        self.pages().open.get(&client).map_or_else(|| format!("page {client}"), |page| page.name.clone())
+    }
+
+    /// Whether the session with this credential has opened this page. A request by any other one does not speak for it.
+    pub(crate) fn is_page_of(&self, client: Client, credential: Option<&str>) -> bool {
+        self.pages().open.get(&client).is_some_and(|page| credential == Some(page.credential.as_str()))
     }
 
     /// Names a page.
     pub(crate) fn name_page(&self, client: Client, name: &str) {
         let name: String = name.trim().chars().filter(|c| !c.is_control()).take(MAX_PAGE_NAME).collect();
-        if let (false, Some(slot)) = (name.is_empty(), self.pages().names.get_mut(&client)) {
-            *slot = name;
+        if let (false, Some(page)) = (name.is_empty(), self.pages().open.get_mut(&client)) {
+            page.name = name;
         }
         self.names_version.fetch_add(1, Ordering::Relaxed);
     }

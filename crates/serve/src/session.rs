@@ -205,14 +205,20 @@ impl Sessions {
 
     /// Rights of a request, by its cookie, or by a key in its header, as programs send it.
     pub(crate) fn rights(&self, headers: &HeaderMap, now: Instant) -> Option<Rights> {
-        let session = self.cookie_of(headers).and_then(|secret| self.sessions.get(secret));
-        let of_session =
-            session.filter(|session| now.duration_since(session.begun) < SESSION_TIME).map(|session| session.rights);
+        self.credential(headers, now).map(|(rights, _)| rights)
+    }
+
+    /// Rights of a request, with the secret of its session or the key that gives them.
+    pub(crate) fn credential<'h>(&self, headers: &'h HeaderMap, now: Instant) -> Option<(Rights, &'h str)> {
+        let of_session = self.cookie_of(headers).and_then(|secret| {
+            let session = self.sessions.get(secret)?;
+            (now.duration_since(session.begun) < SESSION_TIME).then_some((session.rights, secret))
+        });
         of_session.or_else(|| {
             let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
             let bearer = text("authorization").and_then(|value| value.strip_prefix("Bearer "));
             let mut keys = [bearer, text("x-api-key")].into_iter().flatten();
-            keys.find_map(|key| self.keys.rights(key))
+            keys.find_map(|key| self.keys.rights(key).map(|rights| (rights, key)))
         })
     }
 }

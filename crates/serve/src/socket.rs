@@ -47,10 +47,11 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Opens the WebSocket of a page.
 pub(crate) async fn open(State(server): Shared, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
-    let Some(rights) = server.sessions().rights(&headers, Instant::now()) else {
+    let credential = server.sessions().credential(&headers, Instant::now());
+    let Some((rights, credential)) = credential.map(|(rights, credential)| (rights, credential.to_owned())) else {
         return StatusCode::UNAUTHORIZED.into_response();
     };
-    let Some(client) = server.connect() else {
+    let Some(client) = server.connect(credential) else {
         let error = NumberedError::new("E2417", "16 pages are open", "close one of them");
         return failure(StatusCode::SERVICE_UNAVAILABLE, &error);
     };

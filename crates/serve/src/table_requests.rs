@@ -162,7 +162,10 @@ pub(crate) async fn put_offsets(
         Ok(order) => order,
         Err(rejection) => return not_understood(&rejection),
     };
-    let context = context(order.client, order.turn);
+    let context = match context(&server, &headers, order.client, order.turn) {
+        Ok(context) => context,
+        Err(error) => return failure(StatusCode::CONFLICT, &error),
+    };
     change(&server, &headers, context, |before| with_offsets(before, order)).await
 }
 
@@ -175,7 +178,10 @@ pub(crate) async fn put_tools(
         Ok(order) => order,
         Err(rejection) => return not_understood(&rejection),
     };
-    let context = context(order.client, order.turn);
+    let context = match context(&server, &headers, order.client, order.turn) {
+        Ok(context) => context,
+        Err(error) => return failure(StatusCode::CONFLICT, &error),
+    };
     change(&server, &headers, context, |before| with_tools(before, &order.tools)).await
 }
 
@@ -184,9 +190,14 @@ fn not_understood(rejection: &JsonRejection) -> Response {
     failure(rejection.status(), &NumberedError::new("E2418", cause, "see docs/serve-api.md"))
 }
 
-/// The request's session has the right to operate already.
-fn context(client: Client, turn: u32) -> OrderContext {
-    OrderContext { client, rights: Rights::Operate, turn, seen: 0 }
+/// The request's session has the right to operate already. It speaks for its own pages only.
+fn context(server: &Server, headers: &HeaderMap, client: Client, turn: u32) -> Result<OrderContext, NumberedError> {
+    let credential = server.sessions().credential(headers, Instant::now()).map(|(_, credential)| credential.to_owned());
+    if !server.is_page_of(client, credential.as_deref()) {
+        let remedy = "name a page of the session that sends the request, and take control with it";
+        return Err(NumberedError::new("E2404", "the page that is named is none of this session", remedy));
+    }
+    Ok(OrderContext { client, rights: Rights::Operate, turn, seen: 0 })
 }
 
 /// Changes the tables, and answers once the machine has them.

@@ -68,6 +68,8 @@ pub(crate) enum MaybeTls<C> {
     Handshake(Box<Accept<C>>),
     /// It is.
     Encrypted(Box<TlsStream<C>>),
+    /// Its handshake has failed.
+    Failed,
 }
 
 impl<C: AsyncRead + AsyncWrite + Unpin> MaybeTls<C> {
@@ -82,7 +84,13 @@ impl<C: AsyncRead + AsyncWrite + Unpin> MaybeTls<C> {
     /// Goes on with the handshake.
     fn poll_handshake(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         if let Self::Handshake(accept) = self {
-            *self = Self::Encrypted(Box::new(ready!(Pin::new(accept.as_mut()).poll(context))?));
+            // A handshake that has ended must not be polled again.
+            let (next, result) = match ready!(Pin::new(accept.as_mut()).poll(context)) {
+                Ok(stream) => (Self::Encrypted(Box::new(stream)), Ok(())),
+                Err(error) => (Self::Failed, Err(error)),
+            };
+            *self = next;
+            return Poll::Ready(result);
         }
         Poll::Ready(Ok(()))
     }
@@ -98,6 +106,7 @@ impl<C: AsyncRead + AsyncWrite + Unpin> MaybeTls<C> {
             Self::Plain(stream) => poll(Pin::new(stream), context),
             Self::Encrypted(stream) => poll(Pin::new(stream.as_mut()), context),
             Self::Handshake(_) => Poll::Pending,
+            Self::Failed => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
         }
     }
 }
@@ -136,9 +145,34 @@ impl<C: AsyncRead + AsyncWrite + Unpin> AsyncWrite for MaybeTls<C> {
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         // A connection whose handshake was never done has nothing to end.
-        if matches!(*self, Self::Handshake(_)) {
+        if matches!(*self, Self::Handshake(_) | Self::Failed) {
             return Poll::Ready(Ok(()));
         }
         self.poll_with(context, |stream, context| stream.poll_shutdown(context))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+
+    #[test]
+    fn a_handshake_that_fails_is_an_error_however_often_it_is_read() {
+        let files =
+            |name: &str| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/tls/")).join(name);
+        let tls = TlsFiles { certificate: files("certificate.pem"), key: files("key.pem") };
+        let acceptor = tls.acceptor().expect("a certificate and its key");
+        let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime");
+        runtime.block_on(async {
+            let (mut client, server) = tokio::io::duplex(1024);
+            client.write_all(b"GET / HTTP/1.1\r\nhost: x\r\n\r\n").await.expect("it is written");
+            let mut connection = MaybeTls::new(server, Some(&acceptor));
+            for _ in 0..3 {
+                assert!(connection.read(&mut [0; 16]).await.is_err());
+                assert!(connection.write(b"x").await.is_err());
+            }
+            connection.shutdown().await.expect("nothing to end");
+        });
     }
 }

@@ -24,7 +24,7 @@ impl Tables {
         let mut page = server.page(&server.token);
         page.take_control();
         page.wait_for_word("READY");
-        let cookie = server.sign_in(&server.token).expect("the token is right");
+        let cookie = page.cookie.clone();
         Self { server, page, cookie }
     }
 
@@ -108,6 +108,10 @@ fn tables_are_changed_in_control_at_rest_and_not_in_use() {
         refused(&tables.put_as(table, me.clone(), 0, None, body), 428, "E2422");
         refused(&tables.put_as(table, me.clone(), 0, Some("\"0\""), body), 412, "E2422");
     }
+    // Another session has the same rights, but does not speak for this page.
+    let own = std::mem::replace(&mut tables.cookie, tables.server.sign_in(&tables.server.token).expect("a session"));
+    refused(&tables.put_as("tools", me.clone(), 0, Some(&version), &longer), 409, "E2404");
+    tables.cookie = own;
     let watcher = tables.server.sign_in(&tables.server.watch_token).expect("the token is right");
     let headers = [("Cookie", watcher.as_str()), ("Content-Type", "application/json")];
     refused(&tables.server.request("PUT", "/api/v1/offsets", &headers, b"{}"), 403, "E2403");
