@@ -114,6 +114,8 @@ fn a_reload_sends_nothing_again() {
     machine.wait("30 mm", |report| report["live"]["history_mm"].as_f64() > Some(30.0));
     user.tap(".motion.reverse", "");
     user.wait_for_word("REVERSE");
+    // At rest between forward and reverse, it has not ended.
+    machine.wait("reverse run", |report| report["live"]["rate"].as_f64().is_some_and(|rate| rate < 0.0));
     user.reload();
     // Reverse run ends with its page.
     let stood = machine.wait_for_rest();
