@@ -134,6 +134,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         length_mm.map_or(0.0, |length_mm| length_mm * (1.0 - place.fraction_of_record()))
     }
 
+    /// Tells what reverse run stands at, which goes back no further: its target, a place where a cutter was switched,
+    /// an instruction that is not undone, or the start of the history.
+    pub(super) fn emit_end_of_reverse_run(&mut self, oldest: RecordIndex) {
+        let there = self.back_target.as_ref().is_some_and(|back| back.is_reached_at(oldest));
+        let reached = match self.streamer.barrier() {
+            _ if there => EventKind::BackTargetReached,
+            _ if self.cutter_boundary() == Some(oldest) => {
+                self.asked_boundary = Some(oldest);
+                EventKind::CutterBoundary
+            }
+            Some(code) => EventKind::RetraceBarrier(code),
+            None => EventKind::HistoryStartReached,
+        };
+        self.emit(reached);
+    }
+
     /// Length of a record in mm.
     pub(super) fn record_length_mm(&self, place: RecordIndex) -> Option<f64> {
         let record = self.streamer.record(place)?;

@@ -403,6 +403,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return STANDING;
         }
         self.recover_when_rejoined();
+        if self.is_due_here() {
+            return STANDING;
+        }
         self.search_back();
         let (facts, mode) = (self.motion_facts(), self.mode_controller.mode());
         let mut demand = self.mode_controller.advance_period(&facts);
@@ -421,19 +424,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             demand.target = RateTarget::ZERO;
         }
         match demand.notice {
-            Some(OperatorNotice::HistoryStart) => {
-                let there = self.back_target.as_ref().is_some_and(|back| back.is_reached_at(facts.oldest));
-                let reached = match self.streamer.barrier() {
-                    _ if there => EventKind::BackTargetReached,
-                    _ if self.cutter_boundary() == Some(facts.oldest) => {
-                        self.asked_boundary = Some(facts.oldest);
-                        EventKind::CutterBoundary
-                    }
-                    Some(code) => EventKind::RetraceBarrier(code),
-                    None => EventKind::HistoryStartReached,
-                };
-                self.emit(reached);
-            }
+            Some(OperatorNotice::HistoryStart) => self.emit_end_of_reverse_run(facts.oldest),
             Some(OperatorNotice::OutputsDiffer) => self.emit_differing_outputs(),
             Some(OperatorNotice::RunResumed) => self.emit(EventKind::RunResumed),
             None => {}

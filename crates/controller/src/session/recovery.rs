@@ -149,8 +149,8 @@ const NOT_RETAINED: CommandError =
     CommandError::NotNow("the instructions of the program are not retained back to this place");
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Goes forward to the furthest place, also from a hold, and continues the interrupted cut from there. Returns false
-    /// where no cut was interrupted.
+    /// Goes forward to the furthest place, also from a hold, and continues the interrupted cut from there. Returns
+    /// false where no cut was interrupted.
     fn continue_when_rejoined(&mut self) -> Result<bool, CommandError> {
         if self.recovery.cut_end.is_none() {
             return Ok(false);
@@ -278,6 +278,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Executes the program again from where the machine is, once it is back there.
     pub(super) fn return_and_start(&mut self, start: CutStart) {
         self.recovery.returning = Some(start);
+    }
+
+    /// Whether the program is executed again from where the machine stands: until then the mode does not change.
+    pub(super) fn is_due_here(&self) -> bool {
+        self.recovery.returning.is_some() && self.back_target.is_none() && self.leaving_run == LeavingRun::No
     }
 
     /// Begins to execute the program again, once the machine is back. Called before every control period.
