@@ -88,6 +88,29 @@ fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
     assert_refused(&result, "E2209");
 }
 
+/// A stop does not wait for the end of a dwell; resumed, the job executes it whole.
+#[test]
+fn a_stop_ends_a_dwell_and_the_resumed_job_repeats_it() {
+    let bench = Bench::new();
+    bench.file("part.ngc", "G21 G90 F3000\nG1 X10\nG4 P30\nG1 X20\nM2\n");
+    bench.file("patient.toml", PATIENT);
+    bench.file("stop.op", "at 2s stop\n");
+    let card = ServedCard::with(&["--speed", "5"]);
+    let served = ["--card", &card.port, "--machine", "patient.toml"];
+    for card in [&[][..], &served] {
+        let run = ["run", "part.ngc", "--operator", "stop.op", "--json"];
+        let stopped = bench.retrace(run.iter().chain(card));
+        assert_eq!(stopped.code, Some(4), "{}{}", stopped.out, stopped.err);
+        let stopped = report(&stopped);
+        assert_eq!(stopped["position_counts"]["x"], 10_000);
+        assert!(stopped["dwell_s"].as_f64().is_some_and(|seconds| seconds < 3.0), "{stopped}");
+        let resumed = bench.retrace(["resume", "--yes", "--json"]);
+        assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+        let resumed = report(&resumed);
+        assert_eq!((&resumed["position_counts"]["x"], &resumed["dwell_s"]), (&20_000.into(), &30.0.into()));
+    }
+}
+
 #[test]
 fn nobody_who_agrees_means_nothing_moves() {
     let bench = bench();

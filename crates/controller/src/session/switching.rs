@@ -80,12 +80,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(true)
     }
 
-    /// Whether an instruction is not being executed any more: the blocked card keeps it, or a hold has stopped the tool
-    /// on its way to the height of a start.
+    /// Whether an instruction is not being executed any more: the blocked card keeps it, a hold has stopped the tool on
+    /// its way to the height of a start, or the job ends in a dwell, which is executed whole when it is resumed.
     pub(super) fn rests_in_instruction(&self, status: &CardStatus<A>) -> bool {
         let is_lit = |&channel: &u8| status.outputs[usize::from(channel)] != 0;
         let senses = self.recovery.machine().tool_layer().is_some() && !self.config.fire_channels.iter().any(is_lit);
-        status.blocked || self.mode_controller.is_held() && status.at_rest && senses
+        let ends_in_dwell = self.phase.is_stopping() && self.executing == Some(ExclusiveKind::Dwell);
+        status.blocked || ends_in_dwell || self.mode_controller.is_held() && status.at_rest && senses
     }
 
     /// Moves of the layer of a start that lights nothing: the contour is passed at the safe height.
