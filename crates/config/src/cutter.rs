@@ -319,6 +319,13 @@ impl CutterConfig {
         if self.starts_in_motion() { self.restart.run_in_mm } else { self.restart.overlap_mm }
     }
 
+    /// Length in mm of a kerf inside a contour over which it stays on to the next gap: none for a torch, whose arc goes
+    /// out there (CUT-41).
+    #[must_use]
+    pub fn bridge_mm(&self) -> f64 {
+        if self.kind == CutterKind::Torch { 0.0 } else { self.restart.bridge_mm }
+    }
+
     /// Why its kind does not fit the rest of its table, if so.
     pub(crate) fn doubt_of_kind(&self) -> Option<String> {
         let name = self.name.to_lowercase();

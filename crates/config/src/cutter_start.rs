@@ -66,7 +66,7 @@ impl Default for CutterStart {
     }
 }
 
-/// Restart of a cutter where the cut was interrupted, `restart = { run_in_mm = 5 }` (CUT-35, CUT-38).
+/// Restart of a cutter where the cut was interrupted, `restart = { run_in_mm = 5 }` (CUT-35, CUT-38, CUT-41).
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CutterRestart {
@@ -88,6 +88,10 @@ pub struct CutterRestart {
     /// Length in mm before the end of a contour within which a lost cut counts as done.
     #[schemars(range(min = 0.0, max = 20.0))]
     pub lost_at_end_mm: f64,
+    /// Length in mm of a kerf inside a contour up to which a jet or a beam stays on to the next gap; a torch, whose arc
+    /// burns over metal only, is off over every kerf.
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub bridge_mm: f64,
 }
 
 impl Default for CutterRestart {
@@ -99,6 +103,7 @@ impl Default for CutterRestart {
             latch_mm: 5.0,
             shift_max_mm: 10.0,
             lost_at_end_mm: 0.0,
+            bridge_mm: 20.0,
         }
     }
 }
@@ -110,6 +115,7 @@ impl CutterRestart {
         within(&format!("cutter {cutter}: restart.pilot_ms"), self.pilot_ms, 0.0, 5000.0)?;
         within(&format!("cutter {cutter}: restart.latch_mm"), self.latch_mm, 0.0, 100.0)?;
         within(&format!("cutter {cutter}: restart.lost_at_end_mm"), self.lost_at_end_mm, 0.0, 20.0)?;
+        within(&format!("cutter {cutter}: restart.bridge_mm"), self.bridge_mm, 0.0, 1000.0)?;
         within(&format!("cutter {cutter}: restart.shift_max_mm"), self.shift_max_mm, 0.0, 100.0)
     }
 }

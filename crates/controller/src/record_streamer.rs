@@ -7,6 +7,7 @@
 //! reached the rest remains in the channel.
 
 mod block_window;
+mod dark_changes;
 mod lead_in;
 mod returning;
 mod setup;
@@ -79,6 +80,8 @@ pub struct RecordStreamer<'r, const A: usize> {
     pierces: VecDeque<RecordIndex>,
     /// Places where the program switched a cutting output on or off, in path order.
     cut_changes: VecDeque<RecordIndex>,
+    /// Places where an instruction of a cutter was executed with the cutter off.
+    dark_changes: Vec<RecordIndex>,
     fire_channels: Vec<u8>,
     /// With the abrasives that are switched with a jet.
     cutter_channels: Vec<u8>,
@@ -135,6 +138,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             actions_retained_from: None,
             pierces: VecDeque::with_capacity(MAX_PIERCES),
             cut_changes: VecDeque::with_capacity(MAX_PIERCES),
+            dark_changes: Vec::new(),
             fire_channels: Vec::new(),
             cutter_channels: Vec::new(),
             contour_channels: Vec::new(),
@@ -489,6 +493,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             self.actions.pop_front();
             self.passed -= 1;
         }
+        self.dark_changes.retain(|place| !place.is_before(self.ring.head()));
     }
 
     /// Next item that the cursor has passed for the first time. An action that undoes an exclusive instruction in
@@ -537,7 +542,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             while let Some((next, _)) = self.actions.get(action)
                 && next.place == place
             {
-                if card.send(HostCommand::Action(*next)).is_err() {
+                if !self.is_dark(next) && card.send(HostCommand::Action(*next)).is_err() {
                     return;
                 }
                 action += 1;
@@ -558,7 +563,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             let Some(record) = self.ring.record(n) else { break };
             let rests = self.is_at_rest_before(n);
             while action > 0 && self.actions[action - 1].0.place == n {
-                if card.send(HostCommand::Action(self.actions[action - 1].0)).is_err() {
+                let (next, _) = &self.actions[action - 1];
+                if !self.is_dark(next) && card.send(HostCommand::Action(*next)).is_err() {
                     return;
                 }
                 action -= 1;

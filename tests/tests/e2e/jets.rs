@@ -37,9 +37,13 @@ fn material(figures: &str) -> String {
 }
 
 fn run(jet: &str, figures: &str, (faults, script): (&str, &str)) -> (Run, Vec<Sample>) {
+    run_on(&machine(jet), figures, (faults, script))
+}
+
+fn run_on(machine: &str, figures: &str, (faults, script): (&str, &str)) -> (Run, Vec<Sample>) {
     let bench = Bench::new();
     bench.file("materials.toml", material(figures));
-    let (machine, program) = (bench.file("m.toml", machine(jet)), bench.file("part.ngc", PROGRAM));
+    let (machine, program) = (bench.file("m.toml", machine), bench.file("part.ngc", PROGRAM));
     let (vcd, operator) = (bench.path("pins.vcd"), bench.file("s.op", script));
     let [machine, trace, operator] = [&machine, &vcd, &operator].map(|path| path.display().to_string());
     let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
@@ -116,6 +120,30 @@ fn the_abrasive_comes_back_behind_the_water() {
         if ends == "completed" {
             assert_eq!(run.report["not_cut_mm"], 0.0, "{case:?}");
         }
+    }
+}
+
+/// The jet is lost at 15 and at 25 mm of the first contour, and each time it pierces where the machine came to rest.
+/// Then the gaps are cut: over a kerf up to `bridge_mm` the jet stays on, over a longer one it goes off, and the machine
+/// goes back to the next gap (CUT-41).
+#[test]
+fn a_jet_stays_on_over_a_short_kerf_between_two_gaps() {
+    let on = "resume\nafter 1s agree\n";
+    let script = format!("at 3s {on}after 4s {on}at line 8 override 100%\nafter 0.3s hold\n");
+    let script = script + "after 2s back to contour 1\nafter 8s cut\n";
+    let water = |sample: &&[Sample]| !sample[0].is_on("out3") && sample[1].is_on("out3");
+    for (bridge_mm, kerfs) in [(20, 1), (5, 2)] {
+        let jet = format!("restart = {{ bridge_mm = {bridge_mm} }}");
+        let machine = machine(&jet).replace("abrasive = 4\n", "");
+        let (run, trace) = run_on(&machine, "", ("lose@15,lose@25", &script));
+        let what = &run.output.out;
+        let dark = run.of_kind("cutter_off").filter(|event| event["reason"] == "kerf").count();
+        assert_eq!((&run.report["outcome"], dark), (&"completed".into(), kerfs), "{bridge_mm} {what}");
+        // the second contour was begun, and its rest is cut, too
+        assert_eq!(run.of_kind("cut_from_here").count(), kerfs + 1, "{bridge_mm} {what}");
+        // two pierces of the program, two behind the losses, and one for each stretch that is cut again
+        assert_eq!(trace.windows(2).filter(water).count(), 2 + 2 + kerfs + 1, "{bridge_mm} {what}");
+        assert_eq!((&run.report["not_cut_mm"], &run.report["contours_not_cut"]), (&0.0.into(), &0.into()), "{what}");
     }
 }
 

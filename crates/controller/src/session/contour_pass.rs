@@ -1,10 +1,10 @@
 //! Contours that are passed with the cutter off: on the operator's word (CUT-48), where a cut was lost so close to its
 //! end that the contour counts as done (CUT-32), and those that are cut already, where the program is executed again
-//! (CUT-41). Of one that is cut in part the rest is cut then, from the end of its kerf; gap by gap, where the cutter is
-//! a torch that strikes no arc over a kerf.
+//! (CUT-41). Of one that is cut in part the rest is cut then, gap by gap, each from the end of its kerf.
 //!
 //! Invariant: what is passed so keeps its marks in the map, and the next contour is lit by its own instruction.
 
+use retrace_config::CutterConfig;
 use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::{Distance, Place, RecordIndex};
 use retrace_link::{MotionCard, OutputChange};
@@ -82,21 +82,31 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// A gap of a contour is cut from here: its torch goes out again where the contour is cut behind it (CUT-41).
+    /// A gap of a contour is cut from here: its cutter goes off again where the contour is cut behind it (CUT-41).
     pub(super) fn begin_gap(&mut self) {
-        let Some(end) = self.recovery.latest_cut_end() else { return };
-        let is_whole_again = self.contour_pass.cuts_all || self.config.skip_refusal.is_some();
-        let is_torch = |&at: &u8| self.recovery.is_interrupted(at) && self.recovery.usually_starts_in_motion(at);
-        if is_whole_again || !self.config.fire_channels.iter().any(is_torch) {
-            return;
+        let Some(gap) = self.recovery.latest_cut_end() else { return };
+        let is_interrupted = |&at: &u8| self.recovery.is_interrupted(at);
+        let Some(channel) = self.config.fire_channels.iter().copied().find(is_interrupted) else { return };
+        if !self.contour_pass.cuts_all && self.config.skip_refusal.is_none() {
+            self.contour_pass.kerf = self.kerf_behind(gap, channel);
         }
-        let contour_end = self.cut_map.current_end();
-        let kerf = self.cut_map.next_cut_behind(end.boundary_ahead());
-        self.contour_pass.kerf = kerf.filter(|kerf| contour_end.is_some_and(|end| kerf.is_before(end)));
     }
 
-    /// Switches the torch off where it has come to a kerf, over which the arc would be lost. What is not cut behind it
-    /// is cut once the contour is passed.
+    /// Where the contour is cut behind a gap; a jet and a beam stay on over a short stretch.
+    fn kerf_behind(&mut self, gap: Place, channel: u8) -> Option<RecordIndex> {
+        let contour_end = self.cut_map.current_end()?;
+        let passes_lit = |first: RecordIndex, records: u32| {
+            let bridge_mm = self.recovery.cutter(channel).map_or(0.0, CutterConfig::bridge_mm);
+            measure_um(&self.streamer, &self.config.mm_per_pulse, first, records) as f64 <= bridge_mm * 1000.0
+        };
+        let stretches = self.cut_map.stretches_behind(gap.boundary_ahead());
+        let mut inside = stretches.take_while(|[from, _]| from.is_before(contour_end));
+        let is_long = |[from, to]: &[RecordIndex; 2]| !passes_lit(*from, to.since(*from));
+        inside.find(is_long).map(|[from, _]| from)
+    }
+
+    /// Switches the cutter off where it has come to a kerf, over which an arc would be lost. What is not cut behind it is
+    /// cut once the contour is passed.
     pub(super) fn pass_kerf(&mut self) {
         let (Some(kerf), status) = (self.contour_pass.kerf, *self.card.status()) else { return };
         let is_there = Place::start_of(kerf).distance_to(status.place) >= Distance::ZERO;

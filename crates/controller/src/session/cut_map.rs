@@ -333,10 +333,10 @@ impl CutMap {
         }
     }
 
-    /// Where the next stretch begins that is cut, behind a place that is not.
-    pub(super) fn next_cut_behind(&mut self, place: RecordIndex) -> Option<RecordIndex> {
+    /// Stretches that are cut and begin behind this place, which is not: where each begins, and ends.
+    pub(super) fn stretches_behind(&mut self, place: RecordIndex) -> impl Iterator<Item = [RecordIndex; 2]> {
         self.store_stretch();
-        self.ranges.reaching_beyond(place).map(|[begin, _]| begin).find(|begin| place.is_before(*begin))
+        self.ranges.reaching_beyond(place).filter(move |[begin, _]| place.is_before(*begin))
     }
 
     /// Whether this record is cut.

@@ -63,6 +63,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.lifts_before_start(layer) {
             return Ok(false);
         }
+        if switches_cutter {
+            self.streamer.mark_dark(place, self.contour_pass.is_dark);
+        }
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
