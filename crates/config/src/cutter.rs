@@ -24,12 +24,6 @@ const USUAL_PULSE_S: f64 = 1.0;
 /// Default of `dwell_lit_s` (CUT-6).
 const USUAL_DWELL_LIT_S: f64 = 30.0;
 
-/// Parts of names that a torch, a jet or a beam has.
-const NAMES_OF_CUTTERS: [&str; 5] = ["torch", "plasma", "jet", "laser", "beam"];
-
-/// Parts of names that a spindle has.
-const NAMES_OF_SPINDLES: [&str; 2] = ["spindle", "router"];
-
 /// Kind of a cutter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -326,27 +320,8 @@ impl CutterConfig {
         if self.kind == CutterKind::Torch { 0.0 } else { self.restart.bridge_mm }
     }
 
-    /// Why its kind does not fit the rest of its table, if so.
-    pub(crate) fn doubt_of_kind(&self) -> Option<String> {
-        let name = self.name.to_lowercase();
-        let has_name_of = |words: &[&str]| words.iter().any(|word| name.contains(word));
-        let (cuts, spins) = (has_name_of(&NAMES_OF_CUTTERS), has_name_of(&NAMES_OF_SPINDLES));
-        let kind = format!("{:?}", self.kind).to_lowercase();
-        if self.kind.cuts_at_rest() {
-            return (spins && !cuts).then(|| format!("kind = \"{kind}\", and the name is that of a spindle"));
-        }
-        if self.materials.is_some() {
-            return Some(format!("kind = \"{kind}\" has a material table, as a torch, a jet or a beam has"));
-        }
-        let is_spindle = self.kind == CutterKind::Spindle;
-        if let Some((_, what)) = self.auxiliaries().next().filter(|_| is_spindle) {
-            return Some(format!("kind = \"{kind}\" has `{what}`, as a torch, a jet or a beam has"));
-        }
-        (is_spindle && cuts && !spins).then(|| format!("kind = \"{kind}\", and the name is that of a cutter"))
-    }
-
     /// Its channels other than `fire`, with their purpose.
-    fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
+    pub(crate) fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
         let all =
             [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive"), (self.pressure, "pressure")];
         all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
@@ -605,35 +580,6 @@ pub(crate) fn name_of(cutters: &[CutterConfig], channel: u8) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use crate::MachineConfig;
-
-    #[test]
-    fn a_kind_that_does_not_fit_the_rest_of_the_table_is_doubtful() {
-        let doubt = |name: &str, kind: &str, more: &str| {
-            let text = format!("[[cutter]]\nname = \"{name}\"\nkind = \"{kind}\"\nfire = 64\n{more}\n");
-            let machine = MachineConfig::parse(&text, "m.toml").expect("valid");
-            let doubts = machine.cutters_of_doubtful_kind();
-            doubts.first().map(|(_, why)| why.clone()).unwrap_or_default()
-        };
-        for (name, kind, more, why) in [
-            ("torch", "spindle", "", "the name is that of a cutter"),
-            ("Plasma", "spindle", "", "the name is that of a cutter"),
-            ("Router", "torch", "", "the name is that of a spindle"),
-            ("tool", "spindle", "materials = \"m.toml\"", "has a material table"),
-            ("scribe", "marker", "materials = \"m.toml\"", "has a material table"),
-            ("tool", "spindle", "assist = 3", "`assist`"),
-        ] {
-            assert!(doubt(name, kind, more).contains(why), "{name} {kind} {more}: {}", doubt(name, kind, more));
-        }
-        for (name, kind, more) in [
-            ("torch", "torch", "materials = \"m.toml\"\narm = 3"),
-            ("router", "spindle", ""),
-            ("laser spindle", "beam", ""),
-            ("tool", "jet", "abrasive = 3"),
-            ("scribe", "marker", "arm = 3"),
-        ] {
-            assert_eq!(doubt(name, kind, more), "");
-        }
-    }
 
     #[test]
     fn what_a_cutter_cannot_have_is_refused() {

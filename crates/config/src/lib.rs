@@ -33,6 +33,7 @@ mod card_config;
 mod card_settings;
 mod channel_names;
 mod cutter;
+mod cutter_doubt;
 mod cutter_start;
 mod input_names;
 mod jet_flow;

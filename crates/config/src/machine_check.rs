@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use crate::axis::AxisConfig;
 use crate::card_config::CardSection;
 use crate::cutter::CutterConfig;
+use crate::cutter_doubt::doubt_of_kind;
 use crate::machine_config::{MachineConfig, output_names};
 use crate::machine_file::{MachineFile, WheelSettings};
 use crate::manual_config::{HomingSection, ManualConfig, ManualSection, Written};
@@ -71,7 +72,7 @@ impl MachineConfig {
     /// cutter, or the reverse (CUT-10).
     #[must_use]
     pub fn cutters_of_doubtful_kind(&self) -> Vec<(&CutterConfig, String)> {
-        self.cutters.iter().filter_map(|cutter| Some((cutter, cutter.doubt_of_kind()?))).collect()
+        self.cutters.iter().filter_map(|cutter| Some((cutter, doubt_of_kind(cutter)?))).collect()
     }
 }
 

@@ -124,8 +124,8 @@ fn the_abrasive_comes_back_behind_the_water() {
 }
 
 /// The jet is lost at 15 and at 25 mm of the first contour, and each time it pierces where the machine came to rest.
-/// Then the gaps are cut: over a kerf up to `bridge_mm` the jet stays on, over a longer one it goes off, and the machine
-/// goes back to the next gap (CUT-41).
+/// Then the gaps are cut: over a kerf up to `bridge_mm` the jet stays on, over a longer one it goes off, and the
+/// machine goes back to the next gap (CUT-41).
 #[test]
 fn a_jet_stays_on_over_a_short_kerf_between_two_gaps() {
     let on = "resume\nafter 1s agree\n";

@@ -105,8 +105,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         inside.find(is_long).map(|[from, _]| from)
     }
 
-    /// Switches the cutter off where it has come to a kerf, over which an arc would be lost. What is not cut behind it is
-    /// cut once the contour is passed.
+    /// Switches the cutter off where it has come to a kerf, over which an arc would be lost. What is not cut behind it
+    /// is cut once the contour is passed.
     pub(super) fn pass_kerf(&mut self) {
         let (Some(kerf), status) = (self.contour_pass.kerf, *self.card.status()) else { return };
         let is_there = Place::start_of(kerf).distance_to(status.place) >= Distance::ZERO;
