@@ -63,7 +63,15 @@ impl PageServer {
     /// Where it does not print its address.
     #[must_use]
     pub fn start(arguments: &[&str]) -> Self {
-        let mut command = std::process::Command::new(crate::command::binary());
+        Self::start_as(std::process::Command::new(crate::command::binary()), arguments)
+    }
+
+    /// Starts the command as this process, to which its arguments are added.
+    ///
+    /// # Panics
+    /// Where it does not print its address.
+    #[must_use]
+    pub fn start_as(mut command: std::process::Command, arguments: &[&str]) -> Self {
         command.args(["serve", "--listen", "127.0.0.1:0"]).args(arguments);
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the command starts");
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines().map_while(Result::ok);

@@ -203,6 +203,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 20,
     },
     Campaign {
+        name: "page-late",
+        purpose: "five more pages, one of which reads nothing, on two busy cores in real time: no control period later",
+        test: ["retrace-tests", "page_late", "pages_do_not_make_the_motion_late"],
+        asked: BY_SEED,
+        full: 11,
+        slice: 1,
+    },
+    Campaign {
         name: "page",
         purpose: "a long program on the page in a browser: first picture, pictures a second, memory, from finger to \
             hold",

@@ -6,7 +6,7 @@
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{JobStart, ScriptInstruction};
 use retrace_core::RecordIndex;
-use retrace_hal_sim::Clock;
+use retrace_hal_sim::{Clock, SimCard};
 use retrace_journal::JobCard;
 use retrace_link::{MotionCard, PathStart};
 
@@ -58,6 +58,12 @@ pub fn clock(machine: &MachineConfig, realtime: bool) -> Clock {
     if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual }
 }
 
+/// Reports the control periods that the computer could not keep in wall time.
+fn report_late_periods<const A: usize>(card: &SimCard<A>) {
+    let (late, all) = (card.late_periods(), card.status().period);
+    eprintln!("{late} of {all} control periods were late by more than a period");
+}
+
 /// Inputs of a job.
 struct RunContext<'a> {
     args: &'a args::Run,
@@ -78,12 +84,17 @@ impl RunContext<'_> {
             if self.at_screen {
                 let mut card = traced(card, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());
-                return operate::operate(args, &machine, program, work, &mut card, &homing, None);
+                let code = operate::operate(args, &machine, program, work, &mut card, &homing, None)?;
+                report_late_periods(&card);
+                return Ok(code);
             }
             let mut card = traced(card, &machine, args.vcd.as_deref())?;
             let (journal, input) = begin_journal(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
             // By reference here and at the screen, so that there is one job runner for both.
             let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut card, |_, _| Ok(()))?;
+            if args.operation.realtime {
+                report_late_periods(&card);
+            }
             return saved(args, &program, &machine, code);
         }
         if args.vcd.is_some() {

@@ -34,14 +34,14 @@ impl Clock {
         }
     }
 
-    /// Waits for the end of period `number`.
-    pub fn wait(&self, number: u64) {
-        if let Self::Wall { start, period } = self {
-            let nanos = u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).saturating_mul(number);
-            let due = *start + Duration::from_nanos(nanos);
-            if let Some(rest) = due.checked_duration_since(Instant::now()) {
-                std::thread::sleep(rest);
-            }
+    /// Waits for the end of period `number`. Returns whether it is reached late, by more than a control period.
+    pub fn wait(&self, number: u64) -> bool {
+        let Self::Wall { start, period } = self else { return false };
+        let nanos = u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).saturating_mul(number);
+        let due = *start + Duration::from_nanos(nanos);
+        if let Some(rest) = due.checked_duration_since(Instant::now()) {
+            std::thread::sleep(rest);
         }
+        due.elapsed() > *period
     }
 }

@@ -46,6 +46,7 @@ pub struct SimCard<const A: usize> {
     initial_counts: [i64; A],
     settings: CardSettings<A>,
     clock: Clock,
+    late_periods: u64,
     traced: Option<Box<Traced<A>>>,
 }
 
@@ -144,6 +145,7 @@ impl<const A: usize> SimCard<A> {
             initial_counts: [0; A],
             settings,
             clock,
+            late_periods: 0,
             traced: None,
         })
     }
@@ -182,6 +184,13 @@ impl<const A: usize> SimCard<A> {
         }
     }
 
+    /// Control periods whose end was reached late in wall time, by more than a period: the computer was too slow, or
+    /// busy.
+    #[must_use]
+    pub const fn late_periods(&self) -> u64 {
+        self.late_periods
+    }
+
     /// Counters of the emitted pulses.
     #[must_use]
     pub const fn counters(&self) -> &PulseCounters<A> {
@@ -218,7 +227,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         let before = self.card.status();
         let (number, counts) = (before.period + 1, before.counts);
         let stood_under_alarm = before.alarm.is_some() && before.at_rest;
-        self.clock.wait(number);
+        self.late_periods += u64::from(self.clock.wait(number));
         let now_us = number * u64::from(self.settings.period_us);
         let inputs = self.inputs(now_us);
         self.card.keep_alive();
@@ -288,5 +297,12 @@ mod tests {
             card.run_period().expect("no fault");
         }
         assert!(begin.elapsed() >= std::time::Duration::from_millis(20));
+        // A caller that comes 5 ms too late catches up.
+        let late = card.late_periods();
+        std::thread::sleep(std::time::Duration::from_millis(5));
+        for _ in 0..5 {
+            card.run_period().expect("no fault");
+        }
+        assert!(card.late_periods() >= late + 3);
     }
 }

@@ -101,6 +101,8 @@ pub fn start(
         .map_err(|error| refused(&error))?;
     let (told, shared) = (Arc::clone(&ends), Arc::clone(&server));
     let work = move || {
+        // Where the whole process is in real time, pages are not.
+        let _ = retrace_real_time::leave();
         runtime.block_on(async move {
             let serving = serve(listener, tls, guard, Arc::clone(&shared));
             tokio::select! {

@@ -52,7 +52,7 @@ const ARROWS: &[Arrows] = &[
         ..arrows("crates/tui/Cargo.toml", &["config", "controller", "core", "gcode", "journal", "link", "motion"])
     },
     // The page shows the model of the terminal screen and sends the same commands.
-    arrows("crates/serve/Cargo.toml", &["config", "controller", "core", "journal", "link", "tui"]),
+    arrows("crates/serve/Cargo.toml", &["config", "controller", "core", "journal", "link", "real-time", "tui"]),
     arrows(
         "crates/cli/Cargo.toml",
         &[

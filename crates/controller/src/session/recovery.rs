@@ -145,8 +145,10 @@ impl CutRecovery {
 const NOT_AT_REST: CommandError = CommandError::NotNow("the machine has to be at rest");
 const NOT_RETRACING: CommandError =
     CommandError::NotNow("go back first: `reverse`, `back to cut end`, `back to pierce`");
-const NOT_RETAINED: CommandError =
-    CommandError::NotNow("the instructions of the program are not retained back to this place");
+const NOT_RETAINED: CommandError = CommandError::NotNow(
+    "the instructions of the program are not retained back to this place: end the job, and begin at a contour with \
+     `run --contour N`, or Enter in the list of contours (C)",
+);
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Goes forward to the furthest place, also from a hold, and continues the interrupted cut from there. Returns
