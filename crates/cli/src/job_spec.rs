@@ -98,6 +98,7 @@ pub fn begin_journal<const A: usize>(
     let care = if card == JobCard::Sim { Durability::Written } else { Durability::Synced };
     let machine_file = (args.machine_file.path(), text.to_owned());
     let (reading, start) = (&args.reading, args.start_point());
-    let job = JobHeaderBuilder { program, reading, start, machine, machine_file, card }.job(status)?;
+    let job = JobHeaderBuilder { program, reading, planning: args.planning, start, machine, machine_file, card }
+        .job(status)?;
     Ok((Some(claimed.begin(care, job, progress)?), input))
 }

@@ -17,7 +17,7 @@ use retrace_journal::{
 use retrace_link::{CardIdentity, CardStatus, Outputs};
 use serde_json::Value;
 
-use crate::args::Reading;
+use crate::args::{Planning, Reading};
 use crate::files;
 use crate::files::unwritable;
 use crate::machine_tables;
@@ -175,6 +175,8 @@ pub struct JobHeaderBuilder<'a> {
     pub program: &'a Program,
     /// Options that it is read with.
     pub reading: &'a Reading,
+    /// How it is planned.
+    pub planning: Planning,
     /// Line to start at.
     pub start: Option<StartPoint>,
     /// The machine.
@@ -212,7 +214,7 @@ impl JobHeaderBuilder<'_> {
             lines: self.program.lines(),
             files: self.program.files_read(),
             machine: MachineFileCopy { path: path.map(files::absolute), hash: FileHash::of(text.as_bytes()), text },
-            arguments: arguments(self.reading, self.start),
+            arguments: CommandArguments { plan: self.planning.plan, ..arguments(self.reading, self.start) },
             tables: Some(machine_tables::latched(&self.program.setup().start_tables())),
             card: self.card,
             period_us: self.machine.period_us,
@@ -246,6 +248,7 @@ fn arguments(reading: &Reading, start: Option<StartPoint>) -> CommandArguments {
         tools: absolute(&reading.tools),
         params: absolute(&reading.params),
         ini: absolute(&reading.ini),
+        plan: None,
         machine_tables: reading.machine_tables.clone(),
     }
 }

@@ -119,7 +119,8 @@ fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
         None => MachineConfig::built_in()?,
         Some(path) => files::with_materials(MachineConfig::parse(&job.machine.text, path)?, Path::new(path))?,
     };
-    Ok(machine.standing_at(&job.counts))
+    let planning = args::Planning { plan: job.arguments.plan };
+    Ok(planning.of_machine(machine).standing_at(&job.counts))
 }
 
 /// Job that is being resumed.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use retrace_config::{NumberedError, machine_changes};
 use retrace_journal::{FileHash, JobCard, JobHeader, JobRecord, ProgramSource};
 
-use crate::args::{self, CardPort, CycleFolders, MachineFile, Reading};
+use crate::args::{self, CardPort, CycleFolders, MachineFile, Planning, Reading};
 use crate::command_failure::CommandFailure;
 use crate::{files, run};
 
@@ -51,7 +51,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
     }
 
     let run = args::Run { start_line: Some(line), contour: None, ..run_args(args, job) };
-    let machine = files::machine(run.machine_file.path())?;
+    let machine = run.planning.of_machine(files::machine(run.machine_file.path())?);
     if let Some(changes) = changed_machine(job) {
         eprintln!(
             "note: the machine file has changed since the job started; the new one is used\n{}",
@@ -78,6 +78,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         page: args.page.clone(),
         vcd: None,
         source: args::SimulatedSource::default(),
+        planning: Planning { plan: job.arguments.plan },
         dry_run: false,
         save_materials: false,
         reading,

@@ -34,7 +34,7 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
     let args = &args;
     let at_screen = operate::Screens::of(args)?.any() && !args.save_materials;
-    let mut machine = files::machine(args.machine_file.path())?;
+    let mut machine = args.planning.of_machine(files::machine(args.machine_file.path())?);
     machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)
 }

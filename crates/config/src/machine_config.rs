@@ -18,6 +18,7 @@ use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutp
 use crate::manual_config::{ManualConfig, Written};
 use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
+use crate::plan_mode::PlanMode;
 use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
 use crate::serial::SerialSettings;
 use crate::sheet_contacts;
@@ -70,6 +71,8 @@ pub struct MachineConfig {
     pub tool_change: ToolChange,
     /// What happens to a running program when the page in control loses its link.
     pub on_lost_control: OnLostControl,
+    /// How much is calculated for a fast plan.
+    pub plan_mode: PlanMode,
     /// Names of outputs by channel, other than those of the cutters.
     pub output_names: BTreeMap<u8, String>,
     /// Length of the handwheel's filter in periods.
@@ -200,6 +203,7 @@ impl MachineConfig {
             cutting_outputs,
             tool_change: file.tool_change,
             on_lost_control: file.on_lost_control,
+            plan_mode: file.plan,
             output_names,
             card,
             stream_quota_bytes: (file.stream_quota_mib * 1_048_576.0) as u64,

@@ -14,6 +14,7 @@ use crate::card_config::CardSection;
 use crate::cutter::CutterSection;
 use crate::manual_config::{HomingSection, ManualSection};
 use crate::numbered_error::{NumberedError, nearest};
+use crate::plan_mode::PlanMode;
 use crate::serial::SerialSection;
 use crate::switching::CodeSettings;
 use crate::value_range::within;
@@ -188,6 +189,8 @@ pub(crate) struct MachineFile {
     /// What happens to a running program when the page in control of the machine loses its link. A jog, the handwheel
     /// and reverse run always end.
     pub(crate) on_lost_control: OnLostControl,
+    /// How much is calculated for a fast plan: `best` takes longer to plan, and less time on the machine on curves.
+    pub(crate) plan: PlanMode,
     /// Axes, in any order.
     pub(crate) axis: Vec<AxisConfig>,
     /// Blending of corners.
@@ -227,6 +230,7 @@ impl Default for MachineFile {
             output: Vec::new(),
             tool_change: ToolChange::Automatic,
             on_lost_control: OnLostControl::Run,
+            plan: PlanMode::Fast,
             axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),
             blending: BlendingSettings::default(),
             homing: HomingSection::default(),

@@ -164,13 +164,13 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let program_is = identify();
     let (sender, receiver) = mpsc::sync_channel(ITEM_QUEUE_CAPACITY);
     let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| machine_error(e.to_string()))?;
+    let planner = planner.with_blending(machine.blending).with_plan_mode(machine.plan_mode.into());
     let cancel = AtomicBool::new(false);
     let (mut requester, mut heeding) = override_channel(look_ahead);
-    let mut feeder =
-        PlanWriter::new(planner.with_blending(machine.blending), producer, sender, origin.outputs, &cancel)
-            .with_index(keeping.index, &origin.counts)
-            .with_inhibited(machine.inhibited_channels(), machine.dry_waits)
-            .with_limits(machine);
+    let mut feeder = PlanWriter::new(planner, producer, sender, origin.outputs, &cancel)
+        .with_index(keeping.index, &origin.counts)
+        .with_inhibited(machine.inhibited_channels(), machine.dry_waits)
+        .with_limits(machine);
     let (within, resumption) = match begin {
         JobStart::First => (None, None),
         JobStart::Within(start) => (Some(start), None),

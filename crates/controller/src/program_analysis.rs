@@ -120,7 +120,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     /// # Errors
     /// Limits that the planner does not accept; a checked machine has none of these.
     pub fn new(machine: &'m MachineConfig) -> Result<Self, LimitError> {
-        let planner = Planner::new(machine.limits(), machine.start_mm())?.with_blending(machine.blending);
+        let planner = Planner::new(machine.limits(), machine.start_mm())?
+            .with_blending(machine.blending)
+            .with_plan_mode(machine.plan_mode.into());
         Ok(Self {
             scan: LimitCheck::new(machine),
             work: Vec::new(),

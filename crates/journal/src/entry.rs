@@ -3,6 +3,7 @@
 //! Invariant: an entry is read as it was written or not at all: what a newer version has added is rejected, not
 //! guessed.
 
+use retrace_config::PlanMode;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_link::PathStart;
@@ -212,6 +213,9 @@ pub struct CommandArguments {
     pub params: Option<String>,
     /// LinuxCNC machine configuration.
     pub ini: Option<String>,
+    /// How much is calculated for a fast plan, where the command has chosen it and not the machine file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<PlanMode>,
     /// The machine's own tables, where the job used them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine_tables: Option<MachineTables>,

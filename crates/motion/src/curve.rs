@@ -59,12 +59,12 @@ pub(crate) struct Curve<const A: usize> {
 
 /// Vector of length `radius` in the direction `angle + turn·s` in a plane.
 #[derive(Clone, Copy, Debug)]
-struct Circle {
-    plane: [usize; 2],
-    radius: f64,
-    angle: f64,
+pub(crate) struct Circle {
+    pub(crate) plane: [usize; 2],
+    pub(crate) radius: f64,
+    pub(crate) angle: f64,
     /// Radians per mm.
-    turn: f64,
+    pub(crate) turn: f64,
 }
 
 /// First, second and third derivative of the position by s, for each axis.
@@ -192,6 +192,11 @@ impl<const A: usize> Curve<A> {
             }
         }
         all
+    }
+
+    /// The cubic, and the circle that is added to it.
+    pub(crate) fn parts(&self) -> (&Cubic<A>, Option<&Circle>) {
+        (&self.cubic, self.circle.as_ref())
     }
 
     /// Whether the curve is a straight line.

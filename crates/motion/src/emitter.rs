@@ -309,7 +309,12 @@ impl<const A: usize> Emitter<A> {
             (0.0, profile.start())
         } else {
             let time = profile.times[number - 1];
-            (before.since + time, before.start.after(before.jerk, time))
+            let state = if profile.growth != 0.0 {
+                before.start.after_growth(profile.growth, time)
+            } else {
+                before.start.after(before.jerk, time)
+            };
+            (before.since + time, state)
         };
         let end = if number == 6 { f64::MAX } else { since + profile.times[number] };
         self.phase = PhaseSampler {
@@ -319,6 +324,7 @@ impl<const A: usize> Emitter<A> {
             start: profile.entering(number, state),
             jerk: SIGNS[number] * profile.jerk,
             sixth: SIGNS[number] * profile.jerk / 6.0,
+            growth: profile.growth,
             last: *last,
         };
     }
@@ -382,7 +388,8 @@ impl<const A: usize> Emitter<A> {
         let state = self.phase.at(self.time);
         let (position_mm, tag) = self.place(state.s);
         let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
-        self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
+        let jerk_mm_s3 = if self.phase.growth != 0.0 { self.phase.growth * state.v } else { jerk };
+        self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3 };
         let shares = self.shares(before, true, jerk);
         let rapid = self.pieces.front().is_some_and(PathPiece::is_rapid);
         self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(rapid));

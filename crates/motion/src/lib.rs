@@ -14,6 +14,7 @@
 //!   them is for changes of speed.
 //! - `run`: the path between two stops; `envelope`, `lookahead`, `profile`: the jerk-limited plan over many blocks with
 //!   the acceleration carried across junctions; `rest_to_rest`: a simpler plan for the case that there is no other.
+//! - `run::refine`, `speed_law`: the plan made faster within the exact limits of the axes on curves.
 //! - `emitter`: sampling, one record per control period.
 //! - `run::replan`: planning again what is not emitted when the feed override changes.
 //!
@@ -64,6 +65,7 @@ mod rest_to_rest;
 mod run;
 mod sampler;
 mod span;
+mod speed_law;
 
 pub use curve::Arc;
 pub use emitter::SetPoint;
@@ -72,4 +74,4 @@ pub use glide::Blending;
 pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::{MAX_OVERRIDE, MachineLimits};
 pub use planner::{FeedRate, PathMode, Planner};
-pub use run::PlanFallbacks;
+pub use run::{PlanFallbacks, PlanMode};

@@ -20,7 +20,7 @@ use crate::limits::{AxisLimits, MachineLimits};
 use crate::line_mark::LineMark;
 use crate::piece::{PathPiece, PieceJunction};
 use crate::profile::{KinematicState, fastest, stopping_distance};
-use crate::run::{PlanFallbacks, PlanRun, smallest};
+use crate::run::{PlanFallbacks, PlanMode, PlanRun, smallest};
 
 /// A move that waits for the next one, which decides how it meets the one before.
 #[derive(Clone, Copy, Debug)]
@@ -105,6 +105,11 @@ impl<const A: usize> PathPlanner<A> {
     /// Whether anything has moved since the last stop.
     pub(crate) fn has_motion(&self) -> bool {
         self.pending.is_some() || self.blender.last().is_some()
+    }
+
+    /// Sets how much is calculated for a fast plan.
+    pub(crate) fn set_mode(&mut self, mode: PlanMode) {
+        self.run.set_mode(mode);
     }
 
     /// See [`crate::Planner::fallbacks`].

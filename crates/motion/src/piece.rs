@@ -87,6 +87,15 @@ impl<const A: usize> PathPiece<A> {
         LimitOptions { v: most, gentle: GENTLE * a, calm, rough }
     }
 
+    /// Highest speed that feed and velocities of the axes allow when the feed is multiplied by `factor`, mm/s, and the
+    /// acceleration and jerk of each axis that the junctions at its ends leave.
+    pub(crate) fn axis_limits(&self, axes: &AxisLimits<A>, factor: f64) -> (f64, [f64; A], [f64; A]) {
+        let feed = (factor * self.feed).min(axes.path_v);
+        let v = (0..A).fold(feed, |v, i| v.min(axes.v[i] / self.bounds.first[i].max(1e-12)));
+        let a = std::array::from_fn(|i| remaining_acceleration(axes, self.share, i));
+        (v, a, std::array::from_fn(|i| remaining_jerk(axes, self.share, i)))
+    }
+
     /// Acceleration and jerk of axis `i` that tangential motion (a, j) leaves.
     fn remaining(&self, axes: &AxisLimits<A>, share: f64, (a, j): (f64, f64), i: usize) -> (f64, f64) {
         let (a_all, j_all, first) =

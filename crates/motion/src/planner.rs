@@ -18,7 +18,7 @@ use crate::merge::{LinearMove, Merger, merging};
 use crate::path_planner::PathPlanner;
 use crate::piece::RAPID;
 use crate::pulses::counts_of;
-use crate::run::PlanFallbacks;
+use crate::run::{PlanFallbacks, PlanMode};
 
 /// Speed of a move.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,6 +133,13 @@ impl<const A: usize> Planner<A> {
     #[must_use]
     pub fn with_blending(mut self, method: Blending) -> Self {
         self.path.set_blending(method);
+        self
+    }
+
+    /// Sets how much is calculated for a fast plan.
+    #[must_use]
+    pub fn with_plan_mode(mut self, mode: PlanMode) -> Self {
+        self.path.set_mode(mode);
         self
     }
 

@@ -42,7 +42,7 @@ fn rest_to_rest(block: &PathBlock) -> Profile {
     let PathLimits { v, a, j } = block.limits;
     let length = block.length;
     let t = (length / (2.0 * j)).cbrt().max((length / (2.0 * a)).sqrt()).max(length / (2.0 * v));
-    Profile { v0: 0.0, a0: 0.0, jerk: length / (2.0 * t * t * t), times: [t, 0.0, t, 0.0, t, 0.0, t] }
+    Profile { v0: 0.0, a0: 0.0, jerk: length / (2.0 * t * t * t), times: [t, 0.0, t, 0.0, t, 0.0, t], growth: 0.0 }
 }
 
 /// Highest speed at the other end of a block that is at `v` at one end, with zero acceleration at both; rounded down by

@@ -4,6 +4,7 @@
 //! the rest of it. Only the number and length of the pieces, and the records after which the override is changed,
 //! decide when a part is committed. Where possible, a run that ends at rest takes whole periods (SMO-9).
 
+mod refine;
 mod replan;
 
 use crate::accel_split::{LimitOptions, LimitSelector};
@@ -54,6 +55,18 @@ pub(crate) struct PlanRun<const A: usize> {
     /// Number of times that the plan could not be extended since it last was.
     failures: usize,
     fallbacks: PlanFallbacks,
+    refiner: refine::RunRefiner<A>,
+    mode: PlanMode,
+}
+
+/// How much is calculated for a fast plan. The limits hold in any mode, and the path is the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PlanMode {
+    /// The plan of the look-ahead.
+    #[default]
+    Fast,
+    /// The plan of the look-ahead, and then the fastest speed law that the axes allow on curves.
+    Best,
 }
 
 /// How often the search for a plan failed and a slower plan was made instead. The plan is legal all the same, but time
@@ -106,7 +119,14 @@ impl<const A: usize> PlanRun<A> {
             max_blocks: MAX_BLOCKS,
             failures: 0,
             fallbacks: PlanFallbacks::default(),
+            refiner: refine::RunRefiner::default(),
+            mode: PlanMode::default(),
         }
+    }
+
+    /// Sets how much is calculated for a faster plan of what is not committed yet.
+    pub(crate) fn set_mode(&mut self, mode: PlanMode) {
+        self.mode = mode;
     }
 
     /// Number of fallbacks so far.
@@ -132,6 +152,7 @@ impl<const A: usize> PlanRun<A> {
                 self.failures += 1;
                 return;
             }
+            self.refine_part(emitter);
             self.commit_part(emitter);
             self.failures = 0;
         }
@@ -141,6 +162,7 @@ impl<const A: usize> PlanRun<A> {
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(PieceJunction::STOP, emitter);
         self.replan(KinematicState::default(), true);
+        self.refine(f64::MAX, emitter);
         self.stop_on_a_period();
         self.commit_all(emitter);
         self.elapsed = 0.0;
@@ -192,6 +214,7 @@ impl<const A: usize> PlanRun<A> {
     pub(crate) fn finish_moving(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(PieceJunction { v: end.v, share: 0.0 }, emitter);
         let reached = self.replan(end, true) || self.approach(end, emitter);
+        self.refine(f64::MAX, emitter);
         if reached {
             self.commit_all(emitter);
         } else {

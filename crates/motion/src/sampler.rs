@@ -21,6 +21,8 @@ pub(crate) struct PhaseSampler {
     pub(crate) jerk: f64,
     /// A sixth of the jerk: saves a division.
     pub(crate) sixth: f64,
+    /// Jerk over the speed where that is constant instead of the jerk, 1/s²; otherwise 0.
+    pub(crate) growth: f64,
     /// Number of the piece in which the span ends.
     pub(crate) last: u64,
 }
@@ -33,6 +35,7 @@ impl PhaseSampler {
         start: KinematicState::moving(0.0, 0.0),
         jerk: 0.0,
         sixth: 0.0,
+        growth: 0.0,
         last: 0,
     };
 
@@ -40,6 +43,9 @@ impl PhaseSampler {
     #[inline]
     pub(crate) fn at(&self, t: f64) -> KinematicState {
         let (t, KinematicState { s, v, a }) = (t - self.since, self.start);
+        if self.growth != 0.0 {
+            return self.start.after_growth(self.growth, t);
+        }
         KinematicState {
             s: s + t * (v + t * (0.5 * a + t * self.sixth)),
             v: v + t * (a + 0.5 * t * self.jerk),

@@ -88,6 +88,36 @@ fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
     assert_refused(&result, "E2209");
 }
 
+/// A job that was planned with `--plan best` is resumed with the same plan, and takes less time than without it.
+#[test]
+fn a_job_is_resumed_with_the_plan_that_it_began_with() {
+    let bench = Bench::new();
+    let chord = |k: u32| {
+        let (sin, cos) = (f64::from(k) * 0.05).sin_cos();
+        format!("G1 X{:.3} Y{:.3}\n", 8.0 * cos - 8.0, 8.0 * sin)
+    };
+    bench.file("part.ngc", format!("G21 G90 F6000\nG64 P0.05\n{}M2\n", (1..=500).map(chord).collect::<String>()));
+    let periods = |arguments: &[&str]| {
+        let run = bench.retrace(["run", "part.ngc", "--no-journal", "--json"].iter().chain(arguments));
+        assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
+        (counts(&report(&run)), report(&run)["periods"].as_u64().expect("a number"))
+    };
+    let ((fast_end, fast), (end, best)) = (periods(&[]), periods(&["--plan", "best"]));
+    assert!(fast_end == end && 100 * best < 95 * fast, "{best} periods, {fast}");
+    bench.file("best.toml", "plan = \"best\"\n");
+    assert_eq!(periods(&["--machine", "best.toml"]), (end, best));
+    assert_eq!(periods(&["--machine", "best.toml", "--plan", "fast"]), (end, fast));
+    bench.file("stop.op", "at 1s stop\n");
+    let run = bench.retrace(["run", "part.ngc", "--plan", "best", "--operator", "stop.op", "--json"]);
+    assert_eq!(run.code, Some(4), "{}{}", run.out, run.err);
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(counts(&report(&resumed)), end);
+    let begun =
+        report(&run)["motion_s"].as_f64().expect("seconds") + report(&resumed)["motion_s"].as_f64().expect("seconds");
+    assert!(begun < 0.97e-3 * fast as f64, "{begun} s in two parts, {fast} periods in one");
+}
+
 /// A stop does not wait for the end of a dwell; resumed, the job executes it whole.
 #[test]
 fn a_stop_ends_a_dwell_and_the_resumed_job_repeats_it() {

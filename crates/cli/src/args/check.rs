@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::reading::Reading;
-use super::shared::{JobsFolder, JsonObject, MachineFile};
+use super::shared::{JobsFolder, JsonObject, MachineFile, Planning};
 
 /// `retrace check`
 #[derive(Debug, Args)]
@@ -17,6 +17,8 @@ pub struct Check {
     pub table: bool,
     #[command(flatten)]
     pub machine_file: MachineFile,
+    #[command(flatten)]
+    pub planning: Planning,
     /// Write the materials that the program declares with `(o=1, …)` and `(o=2, …)` into the material table of the
     /// machine, if there is no error. Comments in the table stay.
     #[arg(long)]
@@ -49,6 +51,8 @@ pub struct Plot {
     pub output: PathBuf,
     #[command(flatten)]
     pub machine_file: MachineFile,
+    #[command(flatten)]
+    pub planning: Planning,
     /// Scripted operator; retraced sections are marked.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,

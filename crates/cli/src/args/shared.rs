@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use retrace_config::{MachineConfig, PlanMode};
 
 /// `--machine`
 #[derive(Clone, Debug, Default, Args)]
@@ -17,6 +19,25 @@ impl MachineFile {
     #[must_use]
     pub fn path(&self) -> Option<&Path> {
         self.machine.as_deref()
+    }
+}
+
+/// `--plan`
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct Planning {
+    /// How much is calculated for a fast plan: `best` takes longer to plan, and less time on the machine on curves. By
+    /// default as the machine file says, which is `fast` without the key `plan`.
+    #[arg(long, value_name = "MODE",
+        value_parser = PossibleValuesParser::new(PlanMode::NAMES).try_map(|name| name.parse::<PlanMode>()))]
+    pub plan: Option<PlanMode>,
+}
+
+impl Planning {
+    /// The machine with the mode that is chosen.
+    #[must_use]
+    pub fn of_machine(self, mut machine: MachineConfig) -> MachineConfig {
+        machine.plan_mode = self.plan.unwrap_or(machine.plan_mode);
+        machine
     }
 }
 

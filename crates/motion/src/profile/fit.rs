@@ -41,7 +41,7 @@ pub(crate) fn lengthened(profile: &Profile, to: KinematicState, more: f64) -> Op
     let (from, length) = (profile.start(), profile.end().s);
     let steepest = profile.ends().fold(from.a.abs(), |most, state| most.max(state.a.abs()));
     let (mut low, mut high) = (from.v.max(to.v), profile.crest().0);
-    if profile.jerk <= 0.0 || low >= high || more <= 0.0 {
+    if profile.growth != 0.0 || profile.jerk <= 0.0 || low >= high || more <= 0.0 {
         return None;
     }
     let (wanted, mut best) = (profile.duration() + more, None);
@@ -65,6 +65,7 @@ pub(crate) fn slowed(profile: &Profile, factor: f64) -> Profile {
         a0: profile.a0 / square,
         jerk: profile.jerk / (square * factor),
         times: profile.times.map(|t| t * factor),
+        growth: profile.growth / square,
     }
 }
 

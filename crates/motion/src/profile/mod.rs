@@ -62,6 +62,24 @@ impl KinematicState {
     }
 }
 
+impl KinematicState {
+    /// State `t` seconds later where the jerk is `growth` times the speed, 1/s². `t²·|growth|` is at most 1.
+    #[inline]
+    pub(crate) fn after_growth(self, growth: f64, t: f64) -> Self {
+        // v″ = growth·v: series of the hyperbolic or circular functions, which end with the tenth power.
+        let z = growth * t * t;
+        let even = 1.0 + z / 2.0 * (1.0 + z / 12.0 * (1.0 + z / 30.0 * (1.0 + z / 56.0 * (1.0 + z / 90.0))));
+        let odd = 1.0 + z / 6.0 * (1.0 + z / 20.0 * (1.0 + z / 42.0 * (1.0 + z / 72.0 * (1.0 + z / 110.0))));
+        // The integral of `odd` over t, over t²: (even − 1) / z.
+        let way = 0.5 * (1.0 + z / 12.0 * (1.0 + z / 30.0 * (1.0 + z / 56.0 * (1.0 + z / 90.0))));
+        Self {
+            s: self.s + t * (self.v * odd + self.a * t * way),
+            v: self.v * even + self.a * t * odd,
+            a: self.a * even + self.v * growth * t * odd,
+        }
+    }
+}
+
 /// Limits along the path, each above 0 and equal in both directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathLimits {
@@ -125,6 +143,9 @@ pub struct Profile {
     pub jerk: f64,
     /// Durations of the phases, s, none negative.
     pub times: [f64; 7],
+    /// Where this is not 0, the profile has only its first phase, with a jerk of this many 1/s² times its speed, and
+    /// `jerk` is the largest: the square of the speed is a quadratic of the place.
+    pub growth: f64,
 }
 
 impl Profile {
@@ -149,6 +170,9 @@ impl Profile {
     pub fn at(&self, t: f64) -> KinematicState {
         let mut state = self.start();
         let mut remaining = t.max(0.0);
+        if self.growth != 0.0 {
+            return state.after_growth(self.growth, remaining.min(self.times[0]));
+        }
         for (k, (sign, &phase)) in SIGNS.iter().zip(&self.times).enumerate() {
             state = self.entering(k, state).after(sign * self.jerk, phase.min(remaining));
             remaining -= phase;
@@ -169,7 +193,11 @@ impl Profile {
     pub(crate) fn ends(&self) -> impl Iterator<Item = KinematicState> + '_ {
         let mut state = self.start();
         (0..7).map(move |k| {
-            state = self.entering(k, state).after(SIGNS[k] * self.jerk, self.times[k]);
+            state = if self.growth != 0.0 {
+                state.after_growth(self.growth, self.times[k])
+            } else {
+                self.entering(k, state).after(SIGNS[k] * self.jerk, self.times[k])
+            };
             state
         })
     }
@@ -196,6 +224,38 @@ impl Profile {
         let KinematicState { v, a, .. } = self.at(t);
         (after.v0, after.a0) = (v, a);
         (before, after)
+    }
+
+    /// State at place `s`, which is in the profile.
+    pub(crate) fn at_place(&self, s: f64) -> KinematicState {
+        if self.growth != 0.0 {
+            let v = (self.v0 * self.v0 + s * (2.0 * self.a0 + s * self.growth)).max(0.0).sqrt();
+            return KinematicState { s, v, a: self.a0 + self.growth * s };
+        }
+        self.at(self.time_at(s))
+    }
+
+    /// Profile over `length` mm on which the square of the speed is the quadratic of the place with these coefficients
+    /// in Bernstein form, all above 0, and with these accelerations at its ends.
+    pub(crate) fn of_squared_speed([b0, b1, b2]: [f64; 3], [a0, a1]: [f64; 2], length: f64) -> Self {
+        let (v0, v1) = (b0.sqrt(), b2.sqrt());
+        let growth = (a1 - a0) / length;
+        // ds/v: with tanh or tan of half the angle, t = 2·artanh(√growth·x)/√growth for x = length/(v0 + v1), as the
+        // speed changes by a mean acceleration; its series by growth·x².
+        let x = length / (v0 + v1);
+        let z = growth * x * x;
+        let series = 1.0 + z * (1.0 / 3.0 + z * (0.2 + z * (1.0 / 7.0 + z * (1.0 / 9.0 + z / 11.0))));
+        let time = 2.0 * x * series;
+        // The series may lack a few digits.
+        let time = time - (KinematicState::moving(v0, a0).after_growth(growth, time).s - length) / v1;
+        let fastest = b0.max(b1).max(b2).sqrt();
+        Self {
+            v0,
+            a0,
+            jerk: growth.abs() * fastest,
+            times: [time, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            growth: if growth == 0.0 { f64::MIN_POSITIVE } else { growth },
+        }
     }
 
     /// Highest speed, and the places between which it is constant.

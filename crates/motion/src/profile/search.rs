@@ -284,7 +284,8 @@ mod tests {
                 let (low, high) = (from.min(to), from.max(to));
                 let top = (j * (high - low)).sqrt().min(a);
                 let (rise, hold) = (top / j, ((high - low) / a - a / j).max(0.0));
-                let phases = Profile { v0: low, a0: 0.0, jerk: j, times: [rise, hold, rise, 0.0, 0.0, 0.0, 0.0] };
+                let times = [rise, hold, rise, 0.0, 0.0, 0.0, 0.0];
+                let phases = Profile { v0: low, a0: 0.0, jerk: j, times, growth: 0.0 };
                 let end = phases.end();
                 prop_assert!((end.v - high).abs() <= 1e-9 && end.a.abs() <= 1e-9 * a);
                 prop_assert!((ramp(from, to, track.limits) - end.s).abs() <= 1e-9 * (1.0 + end.s));

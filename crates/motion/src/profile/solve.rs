@@ -42,7 +42,7 @@ pub fn fastest(
         return Err(if is_start { ProfileError::StartTooHigh } else { ProfileError::TargetTooHigh });
     }
     let shape = if excess <= slack { family.first() } else { family.beyond(length_per_jerk) };
-    let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times: shape.times(!is_start) };
+    let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times: shape.times(!is_start), growth: 0.0 };
     let (sound, least) = lands(&profile, length, to, 1.0 + length);
     if sound && least >= -1e-10 { Ok(profile) } else { Err(ProfileError::TargetTooHigh) }
 }
@@ -91,7 +91,7 @@ pub fn fastest_any_way(
         (sign, ends.family(swapped).beyond(sign * length_per_jerk).times(swapped))
     });
     let jerk = sign * limits.j;
-    let profile = Profile { v0: from.v, a0: from.a, jerk, times };
+    let profile = Profile { v0: from.v, a0: from.a, jerk, times, growth: 0.0 };
     if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(ProfileError::TargetTooHigh) }
 }
 
@@ -106,7 +106,7 @@ fn straight(from: KinematicState, to: KinematicState, length: f64, limits: PathL
     }
     let jerk = limits.j.copysign(rise);
     let t = rise / jerk;
-    let profile = Profile { v0: from.v, a0: from.a, jerk, times: [t, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
+    let profile = Profile { v0: from.v, a0: from.a, jerk, times: [t, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], growth: 0.0 };
     ((profile.end().s - length).abs() <= 1e-14 * sum * t).then_some(profile)
 }
 

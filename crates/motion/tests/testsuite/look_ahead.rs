@@ -6,7 +6,7 @@ use common::*;
 use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 /// Numbers from a seed, 0 up to 1 (SplitMix64).
-struct Numbers(u64);
+pub(crate) struct Numbers(pub(crate) u64);
 
 impl Numbers {
     fn between(&mut self, low: f64, high: f64) -> f64 {
@@ -19,7 +19,7 @@ impl Numbers {
 }
 
 /// A spiral out and in again in chords of 0.05 to 0.3 mm, rounded to micrometres.
-fn spiral(numbers: &mut Numbers) -> Vec<Move> {
+pub(crate) fn spiral(numbers: &mut Numbers) -> Vec<Move> {
     let least = numbers.between(2.0, 6.0);
     let (most, feed) = (least + numbers.between(5.0, 25.0), numbers.between(40.0, 100.0));
     let growth = numbers.between(0.3, 3.3) / std::f64::consts::TAU;

@@ -6,6 +6,7 @@ mod feed_override;
 mod feed_shares;
 mod look_ahead;
 mod plan;
+mod refinement;
 mod solver;
 mod source_glide;
 mod whole_periods;

@@ -19,7 +19,7 @@ fn moves_that_cannot_be_are_refused_by_number() {
     assert_eq!(number(1.0, FeedRate::Duration(f64::INFINITY)), "E4002");
 }
 
-fn mode() -> impl Strategy<Value = PathMode> {
+pub(crate) fn mode() -> impl Strategy<Value = PathMode> {
     prop_oneof![
         Just(PathMode::ExactStop),
         Just(PathMode::ExactPath),
@@ -73,7 +73,7 @@ proptest! {
 }
 
 /// A long chain of short lines, some nearly straight, some rough.
-fn wandering(seed: u32, size: f64, wander: f64, mode: PathMode) -> Vec<Move> {
+pub(crate) fn wandering(seed: u32, size: f64, wander: f64, mode: PathMode) -> Vec<Move> {
     let mut state = u64::from(seed) << 1 | 1;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

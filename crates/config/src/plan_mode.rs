@@ -1,0 +1,60 @@
+//! How much is calculated for a fast plan, `plan = "best"` in the machine file and `--plan best`.
+//!
+//! Invariant: the path and the limits are the same in every mode.
+
+use std::str::FromStr;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How much is calculated for a fast plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum PlanMode {
+    /// The plan of the look-ahead.
+    #[default]
+    Fast,
+    /// The plan of the look-ahead, made faster on curves up to the limits of the axes. Planning takes more time.
+    Best,
+}
+
+impl PlanMode {
+    /// Names of all modes.
+    pub const NAMES: [&'static str; 2] = ["fast", "best"];
+}
+
+impl FromStr for PlanMode {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "fast" => Ok(Self::Fast),
+            "best" => Ok(Self::Best),
+            other => Err(format!("`{other}` is neither `fast` nor `best`")),
+        }
+    }
+}
+
+impl From<PlanMode> for retrace_motion::PlanMode {
+    fn from(mode: PlanMode) -> Self {
+        match mode {
+            PlanMode::Fast => Self::Fast,
+            PlanMode::Best => Self::Best,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MachineConfig;
+
+    #[test]
+    fn the_machine_file_chooses_the_mode() {
+        let mode = |text: &str| MachineConfig::parse(text, "m.toml").map(|machine| machine.plan_mode);
+        assert_eq!(mode("name = \"m\"\n"), Ok(PlanMode::Fast));
+        assert_eq!(mode("plan = \"best\"\n"), Ok(PlanMode::Best));
+        assert!(mode("plan = \"good\"\n").is_err());
+        assert_eq!(PlanMode::NAMES.map(str::parse), [Ok(PlanMode::Fast), Ok(PlanMode::Best)]);
+    }
+}
