@@ -208,7 +208,7 @@ impl JobHeaderBuilder<'_> {
             id: String::new(),
             when: Timestamp::now(),
             retrace_version: env!("CARGO_PKG_VERSION").into(),
-            planner: retrace_controller::planning_fingerprint()?,
+            planner: retrace_controller::planning_fingerprint(self.machine.plan_mode)?,
             program: name.into(),
             source,
             lines: self.program.lines(),

@@ -141,7 +141,7 @@ impl ResumeStep<'_> {
         if !self.args.is_at_screen() {
             program.find_contours(&self.machine);
         }
-        if planning_fingerprint()? != self.record.job.planner {
+        if planning_fingerprint(self.machine.plan_mode)? != self.record.job.planner {
             let what = format!(
                 "retrace {} plans motion differently from retrace {}, which started the job",
                 env!("CARGO_PKG_VERSION"),

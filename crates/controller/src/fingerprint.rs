@@ -6,7 +6,7 @@
 //! Invariant: the fingerprint depends only on the fixed program on the built-in machine. It is calculated each time and
 //! stored nowhere.
 
-use retrace_config::{MachineConfig, NumberedError};
+use retrace_config::{MachineConfig, NumberedError, PlanMode};
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Program, Progress};
 use retrace_journal::FileHash;
@@ -28,15 +28,16 @@ const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X1
     1]\nO100 endwhile\n\
     G61.1\nX1 Y1\nG61\nX2.2 Y3.3 F900\nG93 X9 Y9 F20\nG94 G64 P0.02 F6000\nG0 X0 Y0 Z0\nM2\n";
 
-/// Fingerprint of this version.
+/// Fingerprint of this version, of plans in this mode.
 ///
 /// # Errors
 /// None in practice: the built-in machine passes the checks of every other.
-pub fn planning_fingerprint() -> Result<u32, NumberedError> {
+pub fn planning_fingerprint(mode: PlanMode) -> Result<u32, NumberedError> {
     let machine = MachineConfig::built_in()?;
     let planner = Planner::<4>::new(machine.limits(), machine.start_mm())
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "please report this"))?
-        .with_blending(machine.blending);
+        .with_blending(machine.blending)
+        .with_plan_mode(mode.into());
     let mut planned = Planned { planner, hash: FileHash::of(b"") };
     let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::interpreter_setup(&machine)));
     let (blocks, findings) = job::feed_program(&machine, &mut program, &mut planned);
@@ -118,6 +119,7 @@ mod tests {
         planned.rest();
         assert!(findings.is_empty() && blocks > 50, "{blocks} {findings:?}");
         assert_eq!(program.0.interpreter().diagnostics().len(), 0, "{:?}", program.0.interpreter().diagnostics());
-        assert_eq!(planning_fingerprint(), planning_fingerprint());
+        let [fast, again, best] = [PlanMode::Fast, PlanMode::Fast, PlanMode::Best].map(planning_fingerprint);
+        assert!(fast == again && fast != best, "{fast:?} {best:?}");
     }
 }

@@ -375,9 +375,10 @@ fn a_contour_far_behind_is_gone_back_to_directly() {
         (Run::of(&bench, &bench.path("part.ngc"), &arguments), samples(&vcd))
     };
     let (whole, _) = run("", "");
-    let skip = "at 7s skip contour\nat 50s hold\nafter 0.5s back to contour 1\n";
-    for more in ["after 8s cut\n", "after 1.5s hold\nafter 1s change done\nafter 8s cut\n"] {
-        let script = format!("{skip}{more}");
+    let cut = "after 8s cut\n";
+    // At rest, held on the way, and while the machine still brakes with the torch on.
+    for (wait, more) in [("0.5s", ""), ("0.5s", "after 1.5s hold\nafter 1s change done\n"), ("0.02s", "")] {
+        let script = format!("at 7s skip contour\nat 50s hold\nafter {wait} back to contour 1\n{more}{cut}");
         let (run, trace) = run(&script, "lose@20");
         let what = format!("{script}: {}", run.output.out);
         assert_eq!(run.report["outcome"], "completed", "{what}");

@@ -51,12 +51,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn advance_retrace_estimate(&mut self) -> Result<(), CardError> {
         let Some(estimate) = self.retrace_estimate else { return Ok(()) };
         let is_target = self.back_target.as_ref().and_then(BackTarget::place) == Some(estimate.target);
-        // A jet that is open in reverse run cuts along the path only.
-        if !is_target || self.dnc.is_on() || self.mode_controller.is_held() || self.is_any_cutter_on() {
+        let stands = self.card.status().at_rest && self.leaving_run == LeavingRun::No;
+        // A jet that is open in reverse run cuts along the path only. While the machine brakes, a cutter is still on.
+        if !is_target || self.dnc.is_on() || self.mode_controller.is_held() || stands && self.is_any_cutter_on() {
             self.retrace_estimate = None;
             return Ok(());
         }
-        let stands = self.card.status().at_rest && self.leaving_run == LeavingRun::No;
         if !stands || self.is_lifting() || self.due_lift().is_some() || self.restart.is_active() {
             return Ok(());
         }
