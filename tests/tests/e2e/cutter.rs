@@ -433,6 +433,34 @@ fn the_abrasive_of_a_jet_goes_off_with_it_and_comes_back_behind_it() {
     }
 }
 
+/// A jet that is switched in passing (M62, M63): the next contour is not skipped, so a hold in it asks before the feed
+/// goes on, and nothing of it stays uncut.
+#[test]
+fn a_skip_ends_with_the_contour_of_a_jet_that_is_switched_in_passing() {
+    let program =
+        "G21 G90 G64 P0.1 F1800\nG1 X10\nM62 P3\nG1 X70\nM63 P3\nG1 X100\nM62 P3\nG1 X160\nM63 P3\nG1 X200\nM2\n";
+    let script = "at 1s hold\nafter 1.5s skip contour\nat line 8 override 100%\nafter 0.5s hold\nafter 2s resume\n\
+                  after 1s agree\n";
+    let (run, pins) = run(&machine(JET, ""), program, script, &[]);
+    let what = &run.output.out;
+    assert_eq!((&run.report["outcome"], run.of_kind("outputs_differ").count()), (&"completed".into(), 1), "{what}");
+    let lit = pins.windows(2).filter(|pair| !pair[0].is_on("out3") && pair[1].is_on("out3")).count();
+    assert_eq!((lit, &run.report["contours_not_cut"]), (3, &1.into()), "{what}");
+    assert!(run.number("not_cut_mm") < 41.0, "only what was skipped: {what}");
+    assert_off_at_the_end(&pins, "out3");
+}
+
+/// A stop in a dwell with the jet on: it is off at once, and not after the dwell.
+#[test]
+fn a_stop_in_a_dwell_switches_the_jet_off() {
+    let program = "G21 G90 F1800\nG1 X10\nM64 P3\nG4 P20\nG1 X70\nM65 P3\nM2\n";
+    let (run, pins) = run(&machine(JET, ""), program, "at 2s stop\n", &[]);
+    assert_eq!(run.report["outcome"], "stopped", "{}", run.output.out);
+    let off = pins.windows(2).find(|pair| pair[0].is_on("out3") && !pair[1].is_on("out3")).expect("it was on");
+    assert!((1_990_000..2_020_000).contains(&off[1].at_us), "on until {} us", off[1].at_us);
+    assert_off_at_the_end(&pins, "out3");
+}
+
 #[test]
 fn a_long_dwell_with_the_cutter_on_is_refused() {
     let program = |seconds: f64| format!("G21 G90 F1800\nG4 P100\nM64 P3\nG1 X10\nG4 P{seconds}\nM65 P3\nM2\n");

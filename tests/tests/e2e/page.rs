@@ -308,6 +308,30 @@ fn a_stopped_job_is_resumed_from_a_page() {
     page.wait_until("the end", |page| [page.machine_mm(0), page.machine_mm(1)] == [0.0, 0.0]);
 }
 
+/// A stop in a dwell ends the job at once, with the jet off; the machine is jogged, and the next job begins.
+#[test]
+fn a_job_is_stopped_in_a_dwell_and_the_next_one_begins() {
+    let bench = Bench::new();
+    let machine = bench.file("jet.toml", "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n");
+    let program = "G21 G90 F6000\nG1 X10\nM64 P3\nG4 P20\nG1 X20\nM65 P3\nM2\n";
+    let (_server, mut page) = in_control(&bench, program, &["--machine", &machine.display().to_string()]);
+    for _ in 0..2 {
+        done(&page.order("cycle start"));
+        page.wait_until("the jet", |page| {
+            page.last("live").to_string().contains("cutting") || page.machine_mm(0) == 10.0
+        });
+        page.listen(Duration::from_millis(500));
+        let begun = Instant::now();
+        done(&page.order("stop"));
+        page.wait_for_word("ENDED");
+        assert!(begun.elapsed() < Duration::from_secs(5), "it waits for the dwell");
+        done(&page.order("set up"));
+        page.wait_for_word("READY");
+        done(&page.order("mdi G1 X5 F6000"));
+        page.wait_until("5 mm back", |page| page.machine_mm(0) == 5.0);
+    }
+}
+
 /// The path arrives in chunks, and lines and records are found from each other.
 #[test]
 fn the_planned_path_arrives_with_its_records_and_lines() {

@@ -107,6 +107,15 @@ fn a_job_is_resumed_with_the_plan_that_it_began_with() {
     bench.file("best.toml", "plan = \"best\"\n");
     assert_eq!(periods(&["--machine", "best.toml"]), (end, best));
     assert_eq!(periods(&["--machine", "best.toml", "--plan", "fast"]), (end, fast));
+    // Killed on a served card, it is resumed as well.
+    bench.file("patient.toml", PATIENT);
+    let card = ServedCard::with(&["--speed", "5"]);
+    let served = ["run", "part.ngc", "--plan", "best", "--card", &card.port, "--machine", "patient.toml", "--json"];
+    killed(&bench, &served, Stdio::null(), Duration::from_millis(300));
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(counts(&report(&resumed)), end);
+    let _ = card.end();
     bench.file("stop.op", "at 1s stop\n");
     let run = bench.retrace(["run", "part.ngc", "--plan", "best", "--operator", "stop.op", "--json"]);
     assert_eq!(run.code, Some(4), "{}{}", run.out, run.err);
@@ -122,11 +131,12 @@ fn a_job_is_resumed_with_the_plan_that_it_began_with() {
 #[test]
 fn a_stop_ends_a_dwell_and_the_resumed_job_repeats_it() {
     let bench = Bench::new();
-    bench.file("part.ngc", "G21 G90 F3000\nG1 X10\nG4 P30\nG1 X20\nM2\n");
-    bench.file("patient.toml", PATIENT);
+    bench.file("part.ngc", "G21 G90 F3000\nG1 X10\nM64 P3\nG4 P30\nG1 X20\nM65 P3\nM2\n");
+    let machine = bench.file("jet.toml", format!("{PATIENT}[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n"));
     bench.file("stop.op", "at 2s stop\n");
-    let card = ServedCard::with(&["--speed", "5"]);
-    let served = ["--card", &card.port, "--machine", "patient.toml"];
+    let (vcd, machine) = (bench.path("pins.vcd"), machine.display().to_string());
+    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "5"]);
+    let served = ["--card", &card.port, "--machine", "jet.toml"];
     for card in [&[][..], &served] {
         let run = ["run", "part.ngc", "--operator", "stop.op", "--json"];
         let stopped = bench.retrace(run.iter().chain(card));
@@ -139,6 +149,14 @@ fn a_stop_ends_a_dwell_and_the_resumed_job_repeats_it() {
         let resumed = report(&resumed);
         assert_eq!((&resumed["position_counts"]["x"], &resumed["dwell_s"]), (&20_000.into(), &30.0.into()));
     }
+    let _ = card.end();
+    // At the card: the jet is on up to the stop, and again for the whole dwell and its cut when the job is resumed.
+    let trace = pins::samples(&vcd);
+    let switched = trace.windows(2).filter(|pair| pair[0].is_on("out3") != pair[1].is_on("out3"));
+    let times: Vec<f64> = switched.map(|pair| pair[1].at_us as f64 / 1e6).collect();
+    assert_eq!(times.len(), 4, "{times:?}");
+    let (first_s, second_s) = (times[1] - times[0], times[3] - times[2]);
+    assert!(first_s < 2.5 && (30.0..31.5).contains(&second_s), "{times:?}");
 }
 
 #[test]

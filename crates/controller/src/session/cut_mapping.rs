@@ -64,6 +64,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let [cut_mm, not_cut_mm] = [contour.cut_um(), contour.not_cut_um].map(|um| um as f64 / 1000.0);
             self.emit_at(contour.line, EventKind::Contour { number: contour.number, cut_mm, not_cut_mm });
         }
+        let fires = |change: &&OutputChange| self.config.fire_channels.contains(&change.channel);
+        if let Some(change) = changes.iter().find(fires) {
+            // A contour that is skipped at its beginning is passed from there to its end.
+            self.contour_pass.is_dark &= change.value != 0;
+            self.recovery.passes_kerf = false;
+        }
     }
 
     /// Replays the plan to the place where the job was left, with the contours up to there and what was cut of them.

@@ -103,13 +103,6 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(done) = self.streamer.acknowledge(self.card.status().executed) {
             self.executing = None;
             self.emit_at(done.line, EventKind::Switched(done.code));
-            let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);
-            if done.changes[..usize::from(done.count)].iter().any(fires) {
-                // A contour that is skipped at its beginning is passed from there to its end.
-                let begins = done.changes[..usize::from(done.count)].iter().any(|c| fires(c) && c.value != 0);
-                self.contour_pass.is_dark &= begins;
-                self.recovery.passes_kerf = false;
-            }
             self.record_layer_move(done.layer, &done.changes[..usize::from(done.count)]);
             self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);
             let want = self.streamer.expected();
