@@ -22,8 +22,8 @@ const WATCHED_IN_THE_SUITE: Duration = Duration::from_secs(2);
 /// Pages besides the one that starts the program.
 const PAGES: u32 = 5;
 
-/// Runs a program with so many more pages. Returns the late periods, and all.
-fn late_periods(pages: u32, watched: Duration) -> (u64, u64) {
+/// Runs a program with so many more pages. Returns the number of late periods.
+fn late_periods(pages: u32, watched: Duration) -> u64 {
     let bench = Bench::new();
     let zigzag = |n: u32| format!("G1 X{} Y{}\n", n % 100, n % 7);
     let program = bench.file("part.ngc", format!("G21 G90 F6000\n{}M2\n", (0..20_000).map(zigzag).collect::<String>()));
@@ -62,14 +62,16 @@ fn late_periods(pages: u32, watched: Duration) -> (u64, u64) {
         }
         first.send(&json!({"t": "hold"}));
         first.wait_for_word("FEED HOLD");
+        let planned_s = first.live("reached") / 1000.0;
+        assert!(planned_s > 0.9 * watched.as_secs_f64(), "it moved for {planned_s} s only");
         is_over.store(true, Ordering::Relaxed);
     });
     drop(first);
     drop(server);
     let told = std::fs::read_to_string(&stderr).expect("what it told");
-    let line = told.lines().find(|line| line.contains("control periods were late")).unwrap_or_else(|| panic!("{told}"));
-    let mut figures = line.split(' ').filter_map(|word| word.parse().ok());
-    (figures.next().expect("late periods"), figures.next().expect("all periods"))
+    // Where it was never late it prints nothing.
+    let line = told.lines().find(|line| line.contains("the computer was late"));
+    line.and_then(|line| line.split(' ').find_map(|word| word.parse().ok())).unwrap_or(0)
 }
 
 fn median(mut of: Vec<u64>) -> u64 {
@@ -89,9 +91,8 @@ fn pages_do_not_make_the_motion_late() {
     let mut counted = [vec![], vec![]];
     for pair in 0..pairs {
         for (of, pages) in counted.iter_mut().zip([0, PAGES]) {
-            let (late, all) = late_periods(pages, watched);
-            assert!(all >= watched.as_millis() as u64, "{all} periods");
-            println!("pair {pair}, {pages} more pages: {late} of {all} control periods late");
+            let late = late_periods(pages, watched);
+            println!("pair {pair}, {pages} more pages: {late} control periods late");
             of.push(late);
         }
     }

@@ -18,7 +18,7 @@ use crate::saved_materials;
 /// # Errors
 /// The program or the files have errors.
 pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
-    let machine = args.planning.of_machine(files::machine(args.machine_file.path())?);
+    let machine = args.planning.apply_to(files::machine(args.machine_file.path())?);
     let program = Program::open(&args.reading, &machine)?;
     if args.table
         && let Some(prescan) = program.prescan()

@@ -67,7 +67,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
 
 /// Drawing of a program: its path, or its profile.
 fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<DisplayList, CommandFailure> {
-    let machine = args.planning.of_machine(crate::files::machine(args.machine_file.path())?);
+    let machine = args.planning.apply_to(crate::files::machine(args.machine_file.path())?);
     let script = crate::files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;

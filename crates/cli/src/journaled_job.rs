@@ -214,7 +214,7 @@ impl JobHeaderBuilder<'_> {
             lines: self.program.lines(),
             files: self.program.files_read(),
             machine: MachineFileCopy { path: path.map(files::absolute), hash: FileHash::of(text.as_bytes()), text },
-            arguments: CommandArguments { plan: self.planning.plan, ..arguments(self.reading, self.start) },
+            arguments: arguments(self.reading, self.planning, self.start),
             tables: Some(machine_tables::latched(&self.program.setup().start_tables())),
             card: self.card,
             period_us: self.machine.period_us,
@@ -232,7 +232,7 @@ pub fn start_point(arguments: &CommandArguments) -> Option<StartPoint> {
     arguments.start_line.map(StartPoint::Line).or(arguments.start_contour.map(StartPoint::Contour))
 }
 
-fn arguments(reading: &Reading, start: Option<StartPoint>) -> CommandArguments {
+fn arguments(reading: &Reading, planning: Planning, start: Option<StartPoint>) -> CommandArguments {
     let (start_line, start_contour) = match start {
         None => (None, None),
         Some(StartPoint::Line(line)) => (Some(line), None),
@@ -248,7 +248,7 @@ fn arguments(reading: &Reading, start: Option<StartPoint>) -> CommandArguments {
         tools: absolute(&reading.tools),
         params: absolute(&reading.params),
         ini: absolute(&reading.ini),
-        plan: None,
+        plan: planning.plan,
         machine_tables: reading.machine_tables.clone(),
     }
 }

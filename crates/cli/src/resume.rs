@@ -120,7 +120,7 @@ fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
         Some(path) => files::with_materials(MachineConfig::parse(&job.machine.text, path)?, Path::new(path))?,
     };
     let planning = args::Planning { plan: job.arguments.plan };
-    Ok(planning.of_machine(machine).standing_at(&job.counts))
+    Ok(planning.apply_to(machine).standing_at(&job.counts))
 }
 
 /// Job that is being resumed.

@@ -51,7 +51,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
     }
 
     let run = args::Run { start_line: Some(line), contour: None, ..run_args(args, job) };
-    let machine = run.planning.of_machine(files::machine(run.machine_file.path())?);
+    let machine = run.planning.apply_to(files::machine(run.machine_file.path())?);
     if let Some(changes) = changed_machine(job) {
         eprintln!(
             "note: the machine file has changed since the job started; the new one is used\n{}",

@@ -34,7 +34,7 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
     let args = &args;
     let at_screen = operate::Screens::of(args)?.any() && !args.save_materials;
-    let mut machine = args.planning.of_machine(files::machine(args.machine_file.path())?);
+    let mut machine = args.planning.apply_to(files::machine(args.machine_file.path())?);
     machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)
 }
@@ -58,10 +58,12 @@ pub fn clock(machine: &MachineConfig, realtime: bool) -> Clock {
     if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual }
 }
 
-/// Reports the control periods that the computer could not keep in wall time.
+/// Prints how often the computer was late in wall time, if it was.
 fn report_late_periods<const A: usize>(card: &SimCard<A>) {
     let (late, all) = (card.late_periods(), card.status().period);
-    eprintln!("{late} of {all} control periods were late by more than a period");
+    if late > 0 {
+        eprintln!("note: the computer was late in {late} of {all} control periods; the simulated card caught up");
+    }
 }
 
 /// Inputs of a job.

@@ -71,7 +71,7 @@ pub struct MachineConfig {
     pub tool_change: ToolChange,
     /// What happens to a running program when the page in control loses its link.
     pub on_lost_control: OnLostControl,
-    /// How much is calculated for a fast plan.
+    /// How the speed along the path is planned.
     pub plan_mode: PlanMode,
     /// Names of outputs by channel, other than those of the cutters.
     pub output_names: BTreeMap<u8, String>,

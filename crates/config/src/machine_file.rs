@@ -189,7 +189,7 @@ pub(crate) struct MachineFile {
     /// What happens to a running program when the page in control of the machine loses its link. A jog, the handwheel
     /// and reverse run always end.
     pub(crate) on_lost_control: OnLostControl,
-    /// How much is calculated for a fast plan: `best` takes longer to plan, and less time on the machine on curves.
+    /// How the speed along the path is planned: `best` takes longer to plan and saves machine time on curves.
     pub(crate) plan: PlanMode,
     /// Axes, in any order.
     pub(crate) axis: Vec<AxisConfig>,

@@ -1,4 +1,4 @@
-//! How much is calculated for a fast plan, `plan = "best"` in the machine file and `--plan best`.
+//! How the speed along the path is planned: `plan = "best"` in the machine file, or `--plan best`.
 //!
 //! Invariant: the path and the limits are the same in every mode.
 
@@ -7,14 +7,14 @@ use std::str::FromStr;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How much is calculated for a fast plan.
+/// How the speed along the path is planned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PlanMode {
     /// The plan of the look-ahead.
     #[default]
     Fast,
-    /// The plan of the look-ahead, made faster on curves up to the limits of the axes. Planning takes more time.
+    /// The plan of the look-ahead, made faster on curves, up to the limits of the axes. It takes longer to plan.
     Best,
 }
 

@@ -213,7 +213,7 @@ pub struct CommandArguments {
     pub params: Option<String>,
     /// LinuxCNC machine configuration.
     pub ini: Option<String>,
-    /// How much is calculated for a fast plan, where the command has chosen it and not the machine file.
+    /// How the speed along the path is planned, where the command has chosen it and not the machine file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<PlanMode>,
     /// The machine's own tables, where the job used them.

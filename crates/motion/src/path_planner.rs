@@ -107,7 +107,7 @@ impl<const A: usize> PathPlanner<A> {
         self.pending.is_some() || self.blender.last().is_some()
     }
 
-    /// Sets how much is calculated for a fast plan.
+    /// Sets how the speed along the path is planned.
     pub(crate) fn set_mode(&mut self, mode: PlanMode) {
         self.run.set_mode(mode);
     }

@@ -136,7 +136,7 @@ impl<const A: usize> Planner<A> {
         self
     }
 
-    /// Sets how much is calculated for a fast plan.
+    /// Sets how the speed along the path is planned.
     #[must_use]
     pub fn with_plan_mode(mut self, mode: PlanMode) -> Self {
         self.path.set_mode(mode);

@@ -59,7 +59,7 @@ pub(crate) struct PlanRun<const A: usize> {
     mode: PlanMode,
 }
 
-/// How much is calculated for a fast plan. The limits hold in any mode, and the path is the same.
+/// How the speed along the path is planned. The limits hold in any mode, and the path is the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlanMode {
     /// The plan of the look-ahead.

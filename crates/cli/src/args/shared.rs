@@ -25,17 +25,17 @@ impl MachineFile {
 /// `--plan`
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub struct Planning {
-    /// How much is calculated for a fast plan: `best` takes longer to plan, and less time on the machine on curves. By
-    /// default as the machine file says, which is `fast` without the key `plan`.
+    /// How the speed along the path is planned: `fast`, or `best`, which takes longer to plan and saves machine time on
+    /// curves. The default is the key `plan` of the machine file, or `fast`.
     #[arg(long, value_name = "MODE",
         value_parser = PossibleValuesParser::new(PlanMode::NAMES).try_map(|name| name.parse::<PlanMode>()))]
     pub plan: Option<PlanMode>,
 }
 
 impl Planning {
-    /// The machine with the mode that is chosen.
+    /// Returns the machine with the mode of this option, if it is given.
     #[must_use]
-    pub fn of_machine(self, mut machine: MachineConfig) -> MachineConfig {
+    pub fn apply_to(self, mut machine: MachineConfig) -> MachineConfig {
         machine.plan_mode = self.plan.unwrap_or(machine.plan_mode);
         machine
     }
