@@ -2,7 +2,7 @@
 //!
 //! Invariant: a command that does not apply changes nothing and is answered with the reason.
 
-use retrace_core::mode::{Mode, ModeCommand};
+use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
 use retrace_core::{Place, Rate};
 use retrace_link::{MotionCard, OutputChange, channel};
 
@@ -94,11 +94,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                     // What the hold stops is the tool axis: the card ends a start that is cancelled.
                     self.cutter_off();
                 }
+                if self.is_due_here() {
+                    self.recovery.cancel_return();
+                }
                 self.mode_controller.apply(ModeCommand::Hold)?;
             }
             OperatorCommand::Confirm => self.mode_controller.apply(ModeCommand::Confirm)?,
             OperatorCommand::Stop => {
                 self.phase.stop();
+                self.recovery.cancel_return();
                 self.mode_controller.apply(ModeCommand::Hold)?;
                 self.cancel_restart();
                 self.cancel_cutter_start(CutterOffReason::JobStopped);
@@ -159,13 +163,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// *Cutter off*: always, and immediately. A program that cuts, or is about to, is held, because the path from here
-    /// on would not be cut.
+    /// *Cutter off*: always, and immediately. A program in normal run is held: the path from here on would not be cut,
+    /// or the next M3 would light what was just switched off.
     fn cutter_off(&mut self) {
         let expected = self.streamer.expected();
         let cuts =
             self.config.fire_channels.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
-        let holds = cuts || self.restart.is_active() || self.is_starting_cutter();
         if cuts && !self.restart.is_active() && self.executing.is_none() {
             for at in 0..self.config.fire_channels.len() {
                 self.record_cut_end_by_hand(self.config.fire_channels[at]);
@@ -173,9 +176,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         self.switch_cutters_off(CutterOffReason::Operator);
         self.cancel_restart();
-        if holds {
-            self.hold_program();
-        }
+        // Nor is the cutter lit at the end of a way that goes on: there the operator is asked.
+        self.recovery.cancel_return();
+        let state = self.mode_controller.state();
+        self.mode_controller = ModeController::with_state(ModeState { confirmed: false, ..state });
+        self.hold_program();
     }
 
     /// Cancels the start of a cutter that the program does not go on to use.

@@ -166,7 +166,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn recover_when_rejoined(&mut self) {
         let status = self.card.status();
         let is_there = status.at_rest && status.place == Place::start_of(status.reached);
-        if !self.recovery.continues_when_rejoined || !is_there || self.restart.is_active() {
+        let is_held = self.mode_controller.is_held();
+        if !self.recovery.continues_when_rejoined || !is_there || is_held || self.restart.is_active() {
             return;
         }
         self.recovery.continues_when_rejoined = false;

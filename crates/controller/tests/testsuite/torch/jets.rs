@@ -78,14 +78,15 @@ fn a_jet_is_off_after_its_grace_at_rest() {
     assert_eq!((job.end.outcome.clone(), job.ignitions().len()), (Outcome::Completed, 1));
 }
 
-/// *Cutter off* is immediate, and holds a program that cuts; without a cutter that is on it does not.
+/// *Cutter off* is immediate, and holds the program, also on the way to a contour: no M3 lights it until *resume*.
 #[test]
-fn cutter_off_holds_a_program_that_cuts() {
+fn cutter_off_holds_the_program() {
     let job = jet("", "at line 5 override 100%\nafter 0.3s cutter off\nafter 3s recover\n", PROGRAM);
     assert_eq!((job.end.outcome.clone(), off(&job, CutterOffReason::Operator)), (Outcome::Completed, 1));
     assert!(job.end.stats.held > 2000, "{:?}", job.end.stats);
-    let job = jet("", "at line 2 cutter off\n", PROGRAM);
-    assert_eq!((job.end.outcome.clone(), job.end.stats.held), (Outcome::Completed, 0));
+    let job = jet("", "at line 2 cutter off\nafter 3s resume\n", PROGRAM);
+    assert_eq!((job.end.outcome.clone(), job.ignitions().len()), (Outcome::Completed, 1));
+    assert!(job.end.stats.held > 2000, "{:?}", job.end.stats);
     // as an output, too
     let job = jet("", "at line 5 override 100%\nafter 0.3s output 3 off\nafter 3s recover\n", PROGRAM);
     assert_eq!((job.end.outcome.clone(), off(&job, CutterOffReason::Operator)), (Outcome::Completed, 1));
