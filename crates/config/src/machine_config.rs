@@ -184,6 +184,12 @@ impl MachineConfig {
             retract_mm: file.retract_mm,
         };
         let setting_up = ManualConfig::checked(written, &axes, &card)?;
+        if let Some(channel) = setting_up.pointer_output
+            && (channel > 63 || cutter::inhibited(&cutters).contains(&channel))
+        {
+            let what = format!("manual.pointer_output = {channel}: not an output from 0 to 63, or a cutter's");
+            return Err(NumberedError::new("E2112", what, "give the pointer an output of its own"));
+        }
         sheet_contacts::declare_contacts(&cutters, &axes, setting_up.tool_axis, &mut card)?;
         let wheel_periods = (file.wheel.filter_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.full_rate_counts_per_s * f64::from(wheel_periods) * period_s;
@@ -344,13 +350,14 @@ impl MachineConfig {
         cutter::inhibited(&self.cutters)
     }
 
-    /// Channels that the end of a job switches off: those of every cutter, and the spindle.
+    /// Channels that the end of a job switches off: those of every cutter, the spindle, and the pointer.
     #[must_use]
     pub fn off_at_end(&self) -> Vec<u8> {
         let mut channels = cutter::inhibited(&self.cutters);
         if !channels.contains(&retrace_link::channel::SPINDLE) {
             channels.push(retrace_link::channel::SPINDLE);
         }
+        channels.extend(self.setting_up.pointer_output);
         channels
     }
 

@@ -12,6 +12,9 @@ use crate::card_config::CardConfig;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
+/// Largest offset of a pointer from the tool, mm.
+const MAX_POINTER_MM: f64 = 1000.0;
+
 /// Homing, `[homing]`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -29,6 +32,11 @@ pub(crate) struct ManualSection {
     /// Position in mm, machine coordinates, to which *park* moves the axes for a change of consumables. Axes that are
     /// not named stay; the tool axis goes to `retract_mm`.
     pub(crate) park_mm: BTreeMap<char, f64>,
+    /// Where the pointer, a cross laser or a camera, looks, in mm from the tool. *Pointer* moves it over the place
+    /// where the tool would start.
+    pub(crate) pointer_mm: BTreeMap<char, f64>,
+    /// Number of the output that is on while the pointer stands there.
+    pub(crate) pointer_output: Option<u8>,
 }
 
 /// Setup of a machine, checked.
@@ -48,6 +56,10 @@ pub struct ManualConfig {
     pub retract_mm: Option<f64>,
     /// Park position of each axis that has one, mm, machine coordinates.
     pub park_mm: Vec<Option<f64>>,
+    /// Where the pointer looks, in mm from the tool: each axis by which it is offset, as an index of the axes.
+    pub pointer_mm: Vec<(usize, f64)>,
+    /// The output that is on while the pointer stands over a place.
+    pub pointer_output: Option<u8>,
 }
 
 /// The parts of a machine file that define the setup.
@@ -91,7 +103,22 @@ impl ManualConfig {
         let homing_order = order(written.homing.order, axes, &homes, tool_axis)?;
         let (allow_unhomed, retract_mm) = (written.manual.allow_unhomed, written.retract_mm);
         let park_mm = park(&written.manual.park_mm, axes)?;
-        Ok(Self { homes, homing_order, homed, allow_unhomed, tool_axis, retract_mm, park_mm })
+        let pointer_mm = pointer(&written.manual.pointer_mm, axes)?;
+        let pointer_output = written.manual.pointer_output;
+        if pointer_output.is_some() && pointer_mm.is_empty() {
+            return Err(refuse("manual.pointer_output: there is no manual.pointer_mm".into()));
+        }
+        Ok(Self {
+            homes,
+            homing_order,
+            homed,
+            allow_unhomed,
+            tool_axis,
+            retract_mm,
+            park_mm,
+            pointer_mm,
+            pointer_output,
+        })
     }
 }
 
@@ -106,6 +133,17 @@ fn park(named: &BTreeMap<char, f64>, axes: &[AxisConfig]) -> Result<Vec<Option<f
         park_mm[index] = Some(mm);
     }
     Ok(park_mm)
+}
+
+/// Offset of the pointer on each axis that has one.
+fn pointer(named: &BTreeMap<char, f64>, axes: &[AxisConfig]) -> Result<Vec<(usize, f64)>, NumberedError> {
+    let offset = |(&letter, &mm): (&char, &f64)| {
+        let found = axes.iter().position(|axis| axis.name == letter.to_ascii_lowercase());
+        let index = found.ok_or_else(|| refuse(format!("manual.pointer_mm: the machine has no axis {letter}")))?;
+        within(&format!("manual.pointer_mm.{letter}"), mm, -MAX_POINTER_MM, MAX_POINTER_MM)?;
+        Ok((index, mm))
+    };
+    named.iter().map(offset).collect()
 }
 
 /// Index of the tool axis: z where none is given.

@@ -85,6 +85,11 @@ pub enum DncStep {
         /// paused.
         off: AxisCounts,
     },
+    /// The pointer shows the place of the tool, or of its shifted start (CUT-37).
+    PointerThere {
+        /// They were stopped on the way.
+        stopped: bool,
+    },
     /// The axes are at the park position (CUT-34).
     Parked {
         /// Whether the move was stopped before.
@@ -138,6 +143,7 @@ impl DncEvent {
                 "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts,
                     "length_mm": length_mm,
             }),
+            DncStep::PointerThere { stopped } => json!({"event": "pointer_there", "stopped": stopped}),
             DncStep::Parked { stopped } => json!({"event": "parked", "stopped": stopped}),
             DncStep::Online => json!({"event": "online"}),
             DncStep::Approaching => json!({"event": "approaching"}),
@@ -178,6 +184,10 @@ impl fmt::Display for DncEvent {
                 }
                 write!(f, "the return and the path are moved by {by_mm:+.3} mm along {axis}, until the next tool")
             }
+            DncStep::PointerThere { stopped: false } => {
+                write!(f, "the pointer shows the place; change done brings the axes back")
+            }
+            DncStep::PointerThere { stopped: true } => write!(f, "stopped on the way to the place of the pointer"),
             DncStep::Parked { stopped: false } => write!(f, "parked; change done brings the axes back"),
             DncStep::Parked { stopped: true } => write!(f, "stopped on the way to the park position"),
             DncStep::Online => write!(f, "on line again; cycle start brings the axes back"),

@@ -173,7 +173,10 @@ pub enum OperatorCommand {
     ToolLength(EnteredLength),
     /// Pauses the program, if it is not paused, and moves the axes to the park position (CUT-34).
     Park,
-    /// Brings the axes back from the park position: the steps of the pause that are missing, up to *cycle start*.
+    /// Pauses the program, if it is not paused, and moves the pointer over the place of the tool (CUT-37).
+    Pointer,
+    /// Brings the axes back from the park position, or from where the pointer was: the steps of the pause that are
+    /// missing, up to *cycle start*.
     ChangeDone,
     /// Returns to on-line mode (DNC-5).
     Online,
@@ -233,6 +236,7 @@ impl fmt::Display for OperatorCommand {
             Self::CutFromHere(CutStart::Moving) => write!(f, "cut moving"),
             Self::Pause => write!(f, "pause"),
             Self::Park => write!(f, "park"),
+            Self::Pointer => write!(f, "pointer"),
             Self::ChangeDone => write!(f, "change done"),
             Self::SpindleStop => write!(f, "spindle stop"),
             Self::SpindleStart => write!(f, "spindle start"),
@@ -431,6 +435,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["back", rest @ ..] => parse_back(rest)?,
         ["pause"] => OperatorCommand::Pause,
         ["park"] => OperatorCommand::Park,
+        ["pointer"] => OperatorCommand::Pointer,
         ["change", "done"] => OperatorCommand::ChangeDone,
         ["online"] => OperatorCommand::Online,
         ["spindle", "stop"] => OperatorCommand::SpindleStop,
@@ -443,7 +448,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "skip", "test", "tool", "cut", "shift", "lead", "contours", "park", "change",
+                "skip", "test", "tool", "cut", "shift", "lead", "contours", "park", "pointer", "change",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),

@@ -25,6 +25,7 @@ const ORDERS = {
   single: 'single',
   pause: 'pause',
   park: 'park',
+  pointer: 'pointer',
   'change-done': 'change done',
   'cutter-off': 'cutter off',
   'cutter-on': 'cutter on',

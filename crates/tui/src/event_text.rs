@@ -112,6 +112,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Lead(shape) => format!("shifted starts lead in by {}", shape.name()),
         OperatorCommand::Pause => "pause".into(),
         OperatorCommand::Park => "go to the park position".into(),
+        OperatorCommand::Pointer => "show the place by the pointer".into(),
         OperatorCommand::ChangeDone => "the change is done: return".into(),
         OperatorCommand::SpindleStop => "stop the spindle".into(),
         OperatorCommand::SpindleStart => "start the spindle".into(),

@@ -286,6 +286,7 @@ impl KeyState {
             KeyAction::Single => OperatorCommand::Single,
             KeyAction::Pause => OperatorCommand::Pause,
             KeyAction::Park => OperatorCommand::Park,
+            KeyAction::Pointer => OperatorCommand::Pointer,
             KeyAction::ChangeDone => OperatorCommand::ChangeDone,
             KeyAction::CutterOff => return Some(UiCommand::CutterOff),
             KeyAction::CutterOn => OperatorCommand::CutterOn,

@@ -97,6 +97,8 @@ pub(crate) enum KeyAction {
     Pause,
     /// To the park position, for a change of consumables; in a pause back from there.
     Park,
+    /// The pointer over the place of the tool.
+    Pointer,
     /// Back from the park position.
     ChangeDone,
     /// Switches every cutter off.
@@ -320,6 +322,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('p')], "p", "pause", "pause: move away from the path and return", RUN, KeyAction::Pause),
     row(&[Key::Char('P')], "P", "park", "pause, and go to the park position for a change", RUN | RETRACE | WHEEL,
         KeyAction::Park),
+    row(&[Key::Char('I')], "I", "pointer", "pause, and move the pointer over the place of the tool",
+        RUN | RETRACE | WHEEL | PAUSED, KeyAction::Pointer),
     row(&[Key::Char('P')], "P", "change done", "the change is done: return to the path", PAUSED,
         KeyAction::ChangeDone),
     row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off at once, in any situation", EVER,

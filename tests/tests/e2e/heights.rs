@@ -356,6 +356,62 @@ fn consumables_are_changed_at_the_park_position() {
     assert!(why.is_some_and(|why| why.contains("park_mm")));
 }
 
+/// *Pointer* moves the pointer over where the tool stood, or would start after a shift; its output is on only at rest
+/// there, and *change done* brings the tool back. Where the offset lies beyond a limit nothing moves.
+#[test]
+fn the_pointer_shows_where_the_tool_starts() {
+    let (whole, _) = run("", "");
+    let end = |run: &Run| (run.report["outcome"].clone(), run.counts(), run.number("not_cut_mm"));
+    for (script, shift) in [
+        ("at 7s pointer\nafter 8s change done\nafter 10s recover\n", [0, 0]),
+        (
+            "at 7s shift 2 -3\nafter 0.1s pointer\nafter 8s change done\nafter 10s shift 0\nafter 1s recover\n",
+            [400, -600],
+        ),
+        ("at 7s pointer\nafter 1.5s hold\nafter 1s pointer\nafter 8s change done\nafter 10s recover\n", [0, 0]),
+    ] {
+        let bench = bench();
+        let pointer = "[manual]\npointer_mm = { x = -60, y = 25.5 }\npointer_output = 6\n";
+        bench.file("m.toml", format!("retract_mm = -10\n{}{pointer}", machine(SENSE)));
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let faults = "lose@20";
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        assert_eq!(end(&run), end(&whole), "{script}: {}", run.output.out);
+        let stopped: Vec<&Value> = run.of_kind("pointer_there").map(|event| &event["stopped"]).collect();
+        assert_eq!(stopped.len(), if script.contains("hold") { 2 } else { 1 }, "{script}");
+        assert_eq!(stopped.last(), Some(&&Value::Bool(false)), "{script}");
+        let latched = run.of_kind("paused").next().map(|event| event["counts"].clone());
+        let latched: Vec<i64> = serde_json::from_value(latched.unwrap_or_default()).unwrap_or_default();
+        let over = [latched[0] + 60 * 200 + shift[0], latched[1] - 5100 + shift[1]];
+        let trace = samples(&vcd);
+        assert!(trace.iter().any(|sample| sample.is_on("out6")), "{script}");
+        for pair in trace.windows(2).filter(|pair| pair[0].is_on("out6") || pair[1].is_on("out6")) {
+            assert_eq!(pair[1].counts[..2], over, "{script}");
+            assert!(!pair[1].is_on("spindle") && tool(&pair[1]) >= -10 * 400, "{script}");
+        }
+    }
+    let refused = |pointer: &str| {
+        let bench = bench();
+        bench.file("m.toml", format!("retract_mm = -10\n{}{pointer}", machine(SENSE)));
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (
+            bench.file("s.op", "at 5s pointer\nafter 8s change done\nafter 10s recover\n").display().to_string(),
+            vcd.display().to_string(),
+        );
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--operator", &operator];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        assert_eq!(end(&run), end(&whole), "{}", run.output.out);
+        assert!(run.of_kind("pointer_there").next().is_none());
+        let why = run.of_kind("command_rejected").map(|event| event["reason"].to_string()).next();
+        why.unwrap_or_default()
+    };
+    assert!(refused("").contains("pointer_mm"));
+    let beyond = refused("[manual]\npointer_mm = { x = 1000 }\n");
+    assert!(beyond.contains('X'), "{beyond}");
+}
+
 /// A contour far behind is gone back to directly: up, across and down, where that is faster than along the path. The
 /// rest of it is cut, and what is cut behind it is passed with the torch off. A hold on the way stops the axes; `change
 /// done` continues.

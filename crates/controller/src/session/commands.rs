@@ -62,6 +62,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             | OperatorCommand::Jog { .. }
             | OperatorCommand::ToolLength(_)
             | OperatorCommand::Park
+            | OperatorCommand::Pointer
             | OperatorCommand::ChangeDone
             | OperatorCommand::Online => {}
             OperatorCommand::BackBy(mm) => return self.go_back(BackTargetKind::By(mm)),
@@ -337,6 +338,7 @@ fn retraces(command: &OperatorCommand) -> bool {
             | OperatorCommand::CutterOn
             | OperatorCommand::Pause
             | OperatorCommand::Park
+            | OperatorCommand::Pointer
             | OperatorCommand::Single
     )
 }

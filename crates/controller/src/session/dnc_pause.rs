@@ -40,6 +40,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 | OperatorCommand::Online
                 | OperatorCommand::ToolLength(_)
                 | OperatorCommand::Park
+                | OperatorCommand::Pointer
                 | OperatorCommand::ChangeDone
         );
         if steps || self.dnc.is_on() && matches!(command, OperatorCommand::CycleStart | OperatorCommand::Resume) {
@@ -72,8 +73,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if command == OperatorCommand::Pause {
             return self.pause();
         }
-        if command == OperatorCommand::Park {
-            self.require_park_position()?;
+        if matches!(command, OperatorCommand::Park | OperatorCommand::Pointer) {
+            if command == OperatorCommand::Park { self.require_park_position() } else { self.require_pointer() }?;
             if !self.dnc.is_on() {
                 self.pause()?;
             }
@@ -121,6 +122,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             OperatorCommand::Jog { axis, mm } => return self.jog(axis, mm),
             OperatorCommand::ToolLength(length) => return self.propose_tool_length(length),
             OperatorCommand::Park => return self.move_to_park(),
+            OperatorCommand::Pointer => return self.move_pointer(),
             OperatorCommand::ChangeDone => return self.finish_change(),
             OperatorCommand::Online if self.spindle_is_a_cutter() => self.arm_cutter(),
             _ => {}
@@ -205,6 +207,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let trip =
             ManualMove::begin(hand, request, executed, self.config.look_ahead_records, self.config.run_mode.wall_time);
         self.dnc.manual_move = Some((trip, aim));
+        self.switch_pointer(false);
         Ok(())
     }
 
@@ -312,13 +315,16 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let aim = *aim;
         self.dnc.manual_move = None;
         match aim {
-            ManualMovePurpose::Jog { .. } | ManualMovePurpose::Park if ended == ManualMoveEnd::NotPlanned => {
+            ManualMovePurpose::Jog { .. } | ManualMovePurpose::Park | ManualMovePurpose::Pointer
+                if ended == ManualMoveEnd::NotPlanned =>
+            {
                 self.emit(EventKind::CommandRejected(NOT_PLANNED))
             }
             ManualMovePurpose::Jog { axis, from, to, cut_short } => self.emit_jogged(axis, from, to, cut_short),
             ManualMovePurpose::Park => {
                 self.emit_dnc_step(DncStep::Parked { stopped: ended == ManualMoveEnd::Stopped });
             }
+            ManualMovePurpose::Pointer => self.pointer_arrives(ended == ManualMoveEnd::Stopped),
             ManualMovePurpose::Approach(before) if ended == ManualMoveEnd::NotPlanned => {
                 self.dnc.interruption = before;
                 self.emit(EventKind::CommandRejected(NOT_PLANNED));

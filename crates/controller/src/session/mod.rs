@@ -20,6 +20,7 @@ mod lead_in;
 mod manual_outputs;
 mod park;
 mod pause_state;
+mod pointer;
 mod recovery;
 mod restart;
 mod return_path;

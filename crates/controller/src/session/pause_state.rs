@@ -39,6 +39,8 @@ pub(super) enum ManualMovePurpose<const A: usize> {
     },
     /// To the park position.
     Park,
+    /// To where the pointer shows the place of the tool.
+    Pointer,
     /// Return to the breakpoint, with the state of the interruption before the return.
     Approach(Interruption<A>),
 }

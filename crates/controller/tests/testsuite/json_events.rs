@@ -86,6 +86,7 @@ fn examples() -> Vec<EventKind> {
         dnc(DncStep::ToolLength { axis: 'z', by_mm: 0.5, by_counts: 500, length_mm: Some(80.5) }),
         dnc(DncStep::ToolLength { axis: 'z', by_mm: 0.5, by_counts: 500, length_mm: None }),
         dnc(DncStep::Parked { stopped: false }),
+        dnc(DncStep::PointerThere { stopped: false }),
         dnc(DncStep::Online),
         dnc(DncStep::Approaching),
         dnc(DncStep::Arrived),
@@ -118,7 +119,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::Dnc(event) => match event.step {
                 DncStep::Paused { .. } | DncStep::SpindleStopped | DncStep::SpindleStarted { .. } => {}
                 DncStep::Jogged { .. } | DncStep::ToolLength { .. } | DncStep::Online => {}
-                DncStep::Parked { .. } => {}
+                DncStep::Parked { .. } | DncStep::PointerThere { .. } => {}
                 DncStep::Approaching | DncStep::Arrived => {}
             },
         }
