@@ -43,7 +43,6 @@ pub fn run(args: &args::Serve) -> Result<(), NumberedError> {
     let machine = files::machine(args.machine_file.path())?;
     match machine.axes.len() {
         0..=4 => serve::<4>(args, &machine),
-        5..=6 => serve::<6>(args, &machine),
         _ => serve::<9>(args, &machine),
     }
 }

@@ -28,7 +28,6 @@ pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
     // Planned exactly as it runs.
     match machine.axes.len() {
         0..=4 => print_report::<4>(args, &machine, &program)?,
-        5..=6 => print_report::<6>(args, &machine, &program)?,
         _ => print_report::<9>(args, &machine, &program)?,
     }
     if args.save_materials {

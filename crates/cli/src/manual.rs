@@ -88,7 +88,6 @@ fn on_machine(
 ) -> Result<u8, CommandFailure> {
     match machine.axes.len() {
         0..=4 => on_card::<4>(args, machine, task, modal_context),
-        5..=6 => on_card::<6>(args, machine, task, modal_context),
         _ => on_card::<9>(args, machine, task, modal_context),
     }
 }

@@ -92,7 +92,6 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
     let taking = ResumeStep { args, breakpoint, by_card, jobs, folder, held, record, machine };
     match axes {
         0..=4 => taking.resume_on::<4>(),
-        5..=6 => taking.resume_on::<6>(),
         _ => taking.resume_on::<9>(),
     }
 }

@@ -48,7 +48,6 @@ pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen:
     let with = RunContext { args, text, script, at_screen };
     match machine.axes.len() {
         0..=4 => with.on_card::<4>(machine),
-        5..=6 => with.on_card::<6>(machine),
         _ => with.on_card::<9>(machine),
     }
 }
