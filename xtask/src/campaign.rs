@@ -136,6 +136,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 8,
     },
     Campaign {
+        name: "cut-day",
+        purpose: "a day of cutting, 20 000 pierces with failed starts, losses and chatter: all is cut, memory does not \
+            grow",
+        test: ["retrace-tests", "cut_day", ""],
+        asked: BY_SEED,
+        full: 20_000,
+        slice: 150,
+    },
+    Campaign {
         name: "power-cuts",
         purpose: "power failures in a cut, host and card gone and the tail of the journal missing: the end of the cut \
             is known within a second, and the part is whole",

@@ -3,8 +3,7 @@
 //!
 //! Invariant: it depends on the card's pins and on its seed alone; metal that was cut stays cut.
 
-use std::collections::HashSet;
-
+use crate::cut_sheet::CutSheet;
 use crate::random::{Chance, Random};
 
 /// Length of a cell of the sheet, in nanometres.
@@ -145,7 +144,7 @@ pub(crate) struct CuttingSource {
     next_loss_um: f64,
     next_flicker_um: f64,
     flickers_until_us: u64,
-    cells: HashSet<[i32; 2]>,
+    sheet: CutSheet,
 }
 
 impl CuttingSource {
@@ -159,7 +158,7 @@ impl CuttingSource {
             next_loss_um: 0.0,
             next_flicker_um: 0.0,
             flickers_until_us: 0,
-            cells: HashSet::new(),
+            sheet: CutSheet::default(),
         };
         source.next_loss_um = source.next_at(settings.faults.losses_per_km);
         source.next_flicker_um = source.next_at(settings.faults.flickers_per_km);
@@ -211,7 +210,7 @@ impl CuttingSource {
             && (!self.settings.needs_metal || self.reaches_metal(cell_at(to)))
         {
             self.state = ArcState::Burning;
-            self.cells.insert(cell_at(to));
+            self.cut(cell_at(to));
         } else if self.state == ArcState::Burning {
             self.cut_from(from, to);
         }
@@ -226,8 +225,15 @@ impl CuttingSource {
     /// metal around it.
     fn reaches_metal(&self, [x, y]: [i32; 2]) -> bool {
         let around = |at: i32| at - REACH_CELLS..=at + REACH_CELLS;
-        let cut = || around(x).flat_map(|x| around(y).map(move |y| [x, y])).filter(|cell| self.cells.contains(cell));
-        !self.cells.contains(&[x, y]) || cut().take(HOLE_CELLS + 1).count() <= HOLE_CELLS
+        let cut = || around(x).flat_map(|x| around(y).map(move |y| [x, y])).filter(|&cell| self.sheet.is_cut(cell));
+        !self.sheet.is_cut([x, y]) || cut().take(HOLE_CELLS + 1).count() <= HOLE_CELLS
+    }
+
+    /// Cuts a cell of the sheet, which only an arc needs to know.
+    fn cut(&mut self, cell: [i32; 2]) {
+        if self.settings.needs_metal {
+            self.sheet.cut(cell);
+        }
     }
 
     /// Cuts a straight stroke. The arc may go out in it.
@@ -249,13 +255,8 @@ impl CuttingSource {
                 self.state = ArcState::Dead;
                 return;
             }
-            self.cells.insert(cell_at(at));
+            self.cut(cell_at(at));
         }
-    }
-
-    /// The cells that are cut, each 0.05 mm wide.
-    pub(crate) fn cut_cells(&self) -> &HashSet<[i32; 2]> {
-        &self.cells
     }
 }
 
@@ -292,7 +293,7 @@ mod tests {
         let mut source = source("delay-ms=20,lose@1.5");
         source.switch(0, true);
         assert_eq!(changes(&mut source, 0, 0, 400), [20, 170]);
-        assert!(source.cut_cells().len() >= 29);
+        assert!(source.sheet.count() >= 29);
         // once out, it stays out until it is switched off and on again
         source.switch(400_000, true);
         assert!(changes(&mut source, 400, 5000, 100).is_empty());

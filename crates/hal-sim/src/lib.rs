@@ -15,6 +15,7 @@
 mod card_simulator;
 mod clock;
 mod count_checker;
+mod cut_sheet;
 mod cutting_source;
 mod fault_spec;
 mod faults;

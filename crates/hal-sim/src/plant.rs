@@ -302,12 +302,6 @@ impl<const A: usize> Plant<A> {
         }
     }
 
-    /// The cells of the sheet that a source has cut, each 0.05 mm wide, by the numbers of the sources in the settings.
-    #[must_use]
-    pub fn cut_cells(&self, source: usize) -> Option<&std::collections::HashSet<[i32; 2]>> {
-        self.sources.get(source).map(CuttingSource::cut_cells)
-    }
-
     /// Sets an input active or inactive manually.
     pub const fn set_input(&mut self, input: u8, active: bool) {
         set(&mut self.active, input, active);

@@ -550,6 +550,10 @@ fn flickers_of_the_contact_are_no_loss() {
     let lit_us: u64 = trace.windows(2).filter(|p| p[0].is_on("spindle")).map(|p| p[1].at_us - p[0].at_us).sum();
     assert!((run.number("lit_s") - lit_us as f64 / 1e6).abs() < 0.01, "{lit_us}");
     assert!(with_reason(&run, "lost").is_empty());
+    // nothing but a count: the cut is whole
+    assert_eq!((run.number("not_cut_mm"), run.number("contours_not_cut")), (0.0, 0.0));
+    let cut_mm = |run: &Run| run.of_kind("contour").filter_map(|event| event["cut_mm"].as_f64()).collect::<Vec<f64>>();
+    assert_eq!(cut_mm(&run), cut_mm(&self::run("", "", &[]).0));
 }
 
 /// Where the operator confirms the outputs, the torch pierces where the machine came to rest.

@@ -86,8 +86,30 @@ pub(super) struct CutMap {
     compensation: Option<Side>,
     /// Contours that were begun before the job was left.
     restored: Vec<RestoredContour>,
-    /// Whether a cutter burnt in the last control period.
-    burns: bool,
+    burning: Burning,
+}
+
+/// Whether a cutter burnt in the last control period.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Burning {
+    No,
+    Yes,
+    /// Its output is on and its input inactive in this motion, for less than it takes to be lost.
+    Flickers(CutMotion),
+}
+
+/// Motion with a cutter on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CutMotion {
+    pub(super) from: Place,
+    pub(super) length_mm: f64,
+}
+
+impl CutMotion {
+    /// Both, one behind the other.
+    pub(super) const fn followed_by(self, next: Self) -> Self {
+        Self { from: self.from, length_mm: self.length_mm + next.length_mm }
+    }
 }
 
 impl CutMap {
@@ -104,7 +126,7 @@ impl CutMap {
             current: None,
             compensation: None,
             restored: Vec::new(),
-            burns: false,
+            burning: Burning::No,
         }
     }
 
@@ -129,7 +151,7 @@ impl CutMap {
         if is_new && let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index)) {
             contour.cut_nm += (length_mm * 1e6).round() as u64;
         }
-        self.burns = true;
+        self.burning = Burning::Yes;
         let is_within = |[begin, end]: [Place; 2]| {
             begin.distance_to(from) >= Distance::ZERO && from.distance_to(end) >= Distance::ZERO
         };
@@ -155,12 +177,21 @@ impl CutMap {
 
     /// Where the stretch begins in which the cutter burns; `None` where it did not burn in the last control period.
     pub(super) fn burns_from(&self) -> Option<Place> {
-        self.stretch.filter(|_| self.burns).map(|[begin, _]| begin)
+        self.stretch.filter(|_| matches!(self.burning, Burning::Yes)).map(|[begin, _]| begin)
     }
 
-    /// The cutter did not burn in this control period.
-    pub(super) const fn record_no_cut(&mut self) {
-        self.burns = false;
+    /// Begins a control period: whether the cutter burnt in the one before. In this one it does not, so far.
+    pub(super) const fn take_burning(&mut self) -> Burning {
+        std::mem::replace(&mut self.burning, Burning::No)
+    }
+
+    /// The output is on and its input inactive in this motion; `before` is the state before it.
+    pub(super) const fn record_flicker(&mut self, before: Burning, moved: CutMotion) {
+        self.burning = match before {
+            Burning::No => Burning::No,
+            Burning::Yes => Burning::Flickers(moved),
+            Burning::Flickers(since) => Burning::Flickers(since.followed_by(moved)),
+        };
     }
 
     /// Length in µm of the stretches of records between two places that are not cut; `length_um` measures records.

@@ -11,7 +11,7 @@ use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs};
 
 use super::Session;
-use super::cut_map::{Contour, CutMap};
+use super::cut_map::{Burning, Contour, CutMap, CutMotion};
 use super::cutter_watch::is_unwatched;
 use super::session_config::SessionConfig;
 use crate::event::EventKind;
@@ -29,25 +29,32 @@ const BEYOND_THE_CUT: CommandError = CommandError::NotNow(
 );
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Maps what was cut in a control period.
+    /// Maps what was cut in a control period. Where the input of a cutter that burns is inactive for less than it
+    /// takes to be lost, the motion is cut as well, once it is active again (CUT-31).
     pub(super) fn map_period(&mut self, status: &CardStatus<A>) {
         // Also on the way to rest before reverse run, while the cutter is still on.
         let is_forward = status.rate.signum() > 0;
-        self.cut_map.record_no_cut();
+        let before = self.cut_map.take_burning();
         if !is_forward || self.config.inhibits_outputs || self.is_on_lead_in() {
             return;
         }
-        let burns = |&channel: &u8| {
+        let is_lit = |&channel: &u8| {
             let is_on = |outputs: &Outputs| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
-            is_on(&self.outputs) && is_on(&status.outputs) && self.is_proven(channel, status)
+            is_on(&self.outputs) && is_on(&status.outputs)
         };
-        if self.config.fire_channels.iter().any(burns) {
-            let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
-            let length_mm = axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
-            let is_new = self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place, length_mm);
+        let burns = |&channel: &u8| self.is_proven(channel, status);
+        let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
+        let length_mm = axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
+        let moved = CutMotion { from: status.place.moved(-status.rate.over(1)), length_mm };
+        let fires = &self.config.fire_channels;
+        if fires.iter().any(|channel| is_lit(channel) && burns(channel)) {
+            let cut = if let Burning::Flickers(since) = before { since.followed_by(moved) } else { moved };
+            let is_new = self.cut_map.record_cut(cut.from, status.place, cut.length_mm);
             if is_new && is_unwatched(status) {
                 self.stats.not_watched_nm += (length_mm * 1e6).round() as u64;
             }
+        } else if fires.iter().any(|channel| is_lit(channel) && !self.recovery.is_latched(*channel)) {
+            self.cut_map.record_flicker(before, moved);
         }
     }
 

@@ -1,0 +1,104 @@
+//! A day of cutting: thousands of pierces with starts that fail, losses, chatter of the contact, and an operator who
+//! says *recover* and nothing else. Everything is cut at the end, in a memory that does not grow with the day.
+//!
+//! Invariant: the figures come from the report and from the memory of the process.
+
+use retrace_tests::command::{Bench, binary, cases};
+use serde_json::Value;
+use std::fmt::Write;
+use std::fs::File;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Contours that the suite cuts; a day has 20 000.
+const SUITE: u32 = 150;
+/// Seconds of machine time between two *recover*.
+const RECOVER_S: u32 = 20;
+/// Contours in a column of the sheet, and length cut of each in mm.
+const ROWS: u32 = 33;
+const CUT_MM: f64 = 89.0;
+/// Memory in MiB by which the process may grow from a tenth of the day on.
+const GROWTH_MIB: u64 = 8;
+
+const MACHINE: &str = "history_hours = 0.01\n\
+    [[axis]]\nname = \"x\"\npulses_per_mm = 160\nmax_velocity_mm_per_s = 200\nmax_acceleration_mm_per_s2 = 2500\n\
+    max_jerk_mm_per_s3 = 40000\ntravel_mm = [-10, 2500]\n\
+    [[axis]]\nname = \"y\"\npulses_per_mm = 160\nmax_velocity_mm_per_s = 200\nmax_acceleration_mm_per_s2 = 2500\n\
+    max_jerk_mm_per_s3 = 40000\ntravel_mm = [-10, 1600]\n\
+    [[cutter]]\nname = \"cutter\"\nkind = \"KIND\"\nfire = 64\nok = { input = 5 }\n\
+    start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n";
+
+/// Narrow combs of two strokes, column beside column, with a subprogram and a loop.
+fn program(contours: u32) -> String {
+    format!(
+        "G21 G90 G94 F1800 G64 P0.05\no100 sub\nG0 X#1 Y#2\nM3 S1\nG1 Y[#2+44]\nG1 X[#1+1]\nG1 Y[#2]\nM5\no100 endsub\n\
+         #3 = 0\no101 while [#3 LT {contours}]\n#4 = [FIX[#3/{ROWS}]*2.5]\n#5 = [[#3 MOD {ROWS}]*46]\n\
+         o100 call [#4] [#5]\n#3 = [#3+1]\no101 endwhile\nM2\n"
+    )
+}
+
+/// The report of the day, the length in mm that was cut, and the largest resident set in MiB.
+fn day(kind: &str, contours: u32) -> (Value, f64, u64) {
+    let bench = Bench::new();
+    let (part, machine) =
+        (bench.file("part.ngc", program(contours)), bench.file("m.toml", MACHINE.replace("KIND", kind)));
+    let mut script = String::new();
+    for at in 1..=contours * 9 / RECOVER_S + 60 {
+        let _ = writeln!(script, "at {}s recover", at * RECOVER_S);
+    }
+    let script = bench.file("s.op", script);
+    let out = bench.path("out.json");
+    let mut command = Command::new(binary());
+    command.arg("run").arg(part).arg("--machine").arg(machine).arg("--operator").arg(script);
+    command.args(["--json", "--no-journal", "--source-faults"]);
+    let seed = std::env::var("RETRACE_FIRST_SEED").unwrap_or_else(|_| "1".into());
+    command.arg(format!("{FAULTS},seed={seed}"));
+    command.stdin(Stdio::null()).stderr(Stdio::null()).stdout(File::create(&out).expect("a file"));
+    let begun = Instant::now();
+    let mut child = command.spawn().expect("the command runs");
+    let (status, mut peak) = (format!("/proc/{}/status", child.id()), 0);
+    while child.try_wait().expect("a child").is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(3 * 3600), "the day does not end");
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let high = text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse().ok());
+        peak = peak.max(high.unwrap_or(0_u64) >> 10);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let out = std::fs::read_to_string(&out).expect("text");
+    let mut counts = std::collections::BTreeMap::<String, u64>::new();
+    let mut cut_mm = std::collections::BTreeMap::<u64, f64>::new();
+    for line in out.lines() {
+        let event: Value = serde_json::from_str(line).expect("an event");
+        let kind = event["event"].as_str().unwrap_or_default();
+        *counts.entry(kind.to_owned()).or_default() += 1;
+        if kind == "contour" {
+            // One that is executed again is reported again.
+            cut_mm.insert(event["number"].as_u64().expect("a number"), event["cut_mm"].as_f64().expect("a length"));
+        }
+    }
+    let report: Value = serde_json::from_str(out.lines().last().unwrap_or_default()).expect("a report");
+    println!("{kind}, {contours} contours: {peak} MiB, {:.0} s, {counts:?}", begun.elapsed().as_secs_f64());
+    (report, cut_mm.values().sum(), peak)
+}
+
+/// Starts that fail, losses every 50 m, and chatter.
+const FAULTS: &str = "no-start=0.03,lose-per-m=0.02,flicker-per-m=2,flicker-ms=5";
+
+/// The memory is that of a jet: for a torch the simulated machine remembers the sheet, by which an arc strikes or not.
+#[test]
+fn a_day_of_cutting_is_cut_whole_in_constant_memory() {
+    let contours = cases(SUITE);
+    let days = ["torch", "jet"].map(|kind| {
+        let (report, cut_mm, peak) = day(kind, contours);
+        println!("{report}");
+        assert_eq!((report["outcome"].as_str(), report["not_cut_mm"].as_f64()), (Some("completed"), Some(0.0)));
+        assert_eq!(
+            (report["contours"].as_u64(), report["limit_violations"].as_u64()),
+            (Some(contours.into()), Some(0))
+        );
+        assert!((cut_mm / (f64::from(contours) * CUT_MM) - 1.0).abs() < 0.001, "{cut_mm} mm");
+        peak
+    });
+    let (.., part) = day("jet", contours / 10);
+    assert!(days[1] <= part + GROWTH_MIB, "{} MiB behind {part} MiB", days[1]);
+}
