@@ -20,8 +20,9 @@ use crate::event::Event;
 
 /// Machine time in seconds that the queue can hold in wall time, at one event in two periods.
 const CAPACITY_S: f64 = 24.0;
-/// Capacity of the queue in virtual time, in messages. The motion path waits there when the queue is full.
-const CAPACITY_VIRTUAL: usize = 512;
+/// Capacity of the queue in virtual time, in messages: what passes while the receiver sleeps. The motion path waits
+/// when the queue is full.
+const CAPACITY_VIRTUAL: usize = 8192;
 /// Interval at which an idle receiver polls the queue. In virtual time, where the receiver has to keep pace, the first
 /// polls are more frequent.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);

@@ -36,7 +36,7 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::MachineConfig;
-use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
+use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice, Resuming};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
@@ -378,13 +378,21 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     fn motion_facts(&self) -> MotionFacts {
-        let (status, wants) = (self.card.status(), self.wanted_outputs());
+        let status = self.card.status();
+        // In normal run nothing depends on it while the machine moves: the comparison would take most of the period.
+        let is_compared = self.mode_controller.mode() != Mode::Run
+            || status.blocked
+            || self.mode_controller.state().resuming != Resuming::No;
+        let agree = || {
+            let wants = self.wanted_outputs();
+            self.outputs_compared_with(&wants) == wants
+        };
         MotionFacts {
             place: status.place,
             at_rest: status.at_rest,
             reached: status.reached,
             oldest: self.oldest(),
-            outputs_agree: self.outputs_compared_with(&wants) == wants,
+            outputs_agree: !is_compared || agree(),
             wheel: self.wheel.rate(),
         }
     }

@@ -36,6 +36,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Reports outputs that were switched because the path is retraced and outputs are replayed.
     pub(super) fn watch_replayed_outputs(&mut self, status: &CardStatus<A>) {
+        if self.outputs == status.outputs {
+            return;
+        }
         let before = std::mem::replace(&mut self.outputs, status.outputs);
         let unwatched = usize::from(channel::UNWATCHED);
         if before[unwatched] != status.outputs[unwatched] {
