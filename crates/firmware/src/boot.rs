@@ -1,15 +1,7 @@
-//! Identity of this card, and a number for this start of it.
+//! Serial number of this card, and a number for this start of it.
 //!
 //! Invariant: two starts have the same number only by chance, with a probability of about one in the number of cycles
 //! by which the host's first byte may arrive earlier or later.
-
-use retrace_link::{CardIdentity, PROTOCOL};
-
-use crate::period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
-use crate::{AXES, MEMORY, WINDOW, pins};
-
-/// Name of the card on the serial line.
-const NAME: [u8; 16] = *b"retrace-stm32f4\0";
 
 /// Returns the serial number mixed from the words of a microcontroller's unique number; it is never 0.
 #[must_use]
@@ -31,24 +23,6 @@ const fn mix(word: u32) -> u32 {
     let word = (word ^ word >> 13).wrapping_mul(0xc2b2_ae35);
     word ^ word >> 16
 }
-
-/// Identity of the card before it has a serial number and the number of a start.
-pub const IDENTITY: CardIdentity = CardIdentity {
-    protocol: PROTOCOL,
-    name: NAME,
-    serial: 0,
-    boot: 0,
-    axes: AXES as u8,
-    outputs: pins::DIGITAL_OUTPUTS,
-    inputs: pins::INPUT_PINS.len() as u8,
-    has_power_output: false,
-    window: WINDOW as u32,
-    memory: MEMORY as u16,
-    tick_hz: SLOT_HZ,
-    min_period_us: MIN_PERIOD_US,
-    max_period_us: MAX_PERIOD_US,
-    max_pulses_hz: SLOT_HZ / 2,
-};
 
 #[cfg(test)]
 mod tests {

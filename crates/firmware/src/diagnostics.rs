@@ -1,12 +1,11 @@
-//! Measurements of the firmware about itself, for a debugger or QEMU's monitor to read at the symbol `DIAGNOSTICS`.
+//! Measurements of the firmware about itself, for a debugger or an emulator to read at the symbol `DIAGNOSTICS`.
 //!
-//! Invariant: the layout is that of `xtask/src/firmware/diagnostics.rs`; each word is written by one context, except
-//! where it is added to.
+//! Invariant: the layout is that of `xtask/src/firmware/diagnostics.rs`; each word is written by one context only: not
+//! every processor can add to a word of memory in one step.
 
 use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use retrace_firmware::AXES;
-use retrace_firmware::steps::Steps;
 
 /// Identifies the structure and its layout.
 const MARK: u32 = 0x5254_0001;
@@ -17,9 +16,9 @@ pub(crate) struct Diagnostics {
     mark: AtomicU32,
     /// Cycles of the longest control period's computation, without interrupts.
     pub(crate) max_period: AtomicU32,
-    /// Cycles of the longest step interrupt.
+    /// Cycles of the longest measured interrupt: on the STM32F4 that of the steps.
     max_interrupt: AtomicU32,
-    /// Cycles spent in step interrupts, wrapping around.
+    /// Cycles spent in these interrupts, wrapping around.
     in_interrupts: AtomicU32,
     /// Control periods computed, wrapping around.
     pub(crate) periods: AtomicU32,
@@ -52,22 +51,32 @@ impl Diagnostics {
         self.mark.store(MARK, Relaxed);
     }
 
-    /// Records a step interrupt of this many cycles.
+    /// Records an interrupt of this many cycles.
     pub(crate) fn record_interrupt(&self, cycles: u32) {
         self.in_interrupts.store(self.in_interrupts.load(Relaxed).wrapping_add(cycles), Relaxed);
-        self.max_interrupt.fetch_max(cycles, Relaxed);
+        raise(&self.max_interrupt, cycles);
     }
 
-    /// Returns the cycles spent in step interrupts so far.
+    /// Returns the cycles spent in these interrupts so far.
     pub(crate) fn interrupt_cycles(&self) -> u32 {
         self.in_interrupts.load(Relaxed)
     }
 
-    /// Publishes the counts of the step interrupt.
-    pub(crate) fn publish(&self, steps: &Steps) {
-        for (word, &count) in self.counted.iter().zip(steps.counted()) {
+    /// Publishes the counts of the step generator: net pulses of each axis, and refused batches.
+    pub(crate) fn publish(&self, counted: &[i32; AXES], refused: u32) {
+        for (word, &count) in self.counted.iter().zip(counted) {
             word.store(count, Relaxed);
         }
-        self.refused.store(steps.refused(), Relaxed);
+        self.refused.store(refused, Relaxed);
     }
+}
+
+/// Adds 1 to a word that no other context writes.
+pub(crate) fn increment(word: &AtomicU32) {
+    word.store(word.load(Relaxed).wrapping_add(1), Relaxed);
+}
+
+/// Raises a word that no other context writes to at least this value.
+pub(crate) fn raise(word: &AtomicU32, value: u32) {
+    word.store(word.load(Relaxed).max(value), Relaxed);
 }

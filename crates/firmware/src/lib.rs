@@ -1,16 +1,15 @@
 //! The part of the firmware that accesses no register, and is therefore tested on the development host.
 //!
-//! Invariant: nothing here blocks or allocates; data shared by the interrupt and the main loop is atomic, and each word
+//! Invariant: nothing here blocks or allocates; data shared by an interrupt and the main loop is atomic, and each word
 //! is stored by only one of them.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
 pub mod boot;
-pub mod period;
-pub mod pins;
+pub mod output_level;
 pub mod ring;
-pub mod step_mailbox;
-pub mod steps;
+pub mod step_batch;
+pub mod stm32f4;
 
 /// Axes of this card.
 pub const AXES: usize = 4;

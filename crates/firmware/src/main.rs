@@ -1,7 +1,7 @@
-//! The card on an STM32F4: a serial line, step and direction of four axes, outputs and inputs (GMC-1, the card's side).
+//! The card on a microcontroller: a line, step and direction of four axes, outputs and inputs (GMC-1, the card's side).
 //!
-//! The main loop computes a control period whenever the step interrupt has taken the last one. Between these periods it
-//! passes received bytes to the card and sends its bytes.
+//! The main loop computes a control period whenever the step generator has taken the last one. Between these periods it
+//! passes received bytes to the card and sends its bytes. A board is a module of `board`.
 //!
 //! Invariant: nothing allocates and nothing waits for the line. A panic or fault stops the firmware here, with steps
 //! and outputs low.

@@ -1,36 +1,69 @@
-//! The hardware: one file per peripheral. Compiled for the microcontroller only.
+//! The interface between the main loop and a board, and the board of this image.
 //!
-//! Invariant: each register is written by one context only, the main loop or one interrupt, after [`start`]; the port
-//! registers that both write (bit set/reset) are written, never read and changed.
+//! Invariant: the main loop reaches the hardware through [`Board`] alone; nothing above this folder depends on the
+//! microcontroller.
 
-mod clock;
-mod encoder;
-mod ports;
-pub(crate) mod registers;
-pub(crate) mod serial;
-mod starts;
-pub(crate) mod step_timer;
+use retrace_firmware::AXES;
+use retrace_firmware::step_batch::StepBatch;
+use retrace_link::{CardIdentity, Outputs};
+
+mod processor;
 pub(crate) mod stopwatch;
 
-pub(crate) use encoder::encoder;
-pub(crate) use ports::{input_levels, set_outputs};
-pub(crate) use starts::count_start;
+mod stm32f4;
 
-#[cfg(feature = "f401")]
-pub(crate) use stm32f4::stm32f401 as chip;
-#[cfg(feature = "f405")]
-pub(crate) use stm32f4::stm32f405 as chip;
-#[cfg(feature = "f411")]
-pub(crate) use stm32f4::stm32f411 as chip;
+pub(crate) use stm32f4::Stm32f4 as ThisBoard;
 
-/// Starts the clocks, the ports and the timers. Returns false if the crystal did not start and the internal oscillator
-/// is used instead.
-pub(crate) fn start() -> bool {
-    let crystal = clock::start();
-    ports::start();
-    stopwatch::start();
-    encoder::start();
-    serial::start();
-    step_timer::start();
-    crystal
+/// What the main loop needs of a board: a line, a step generator, outputs, inputs, and a few facts about the chip.
+/// Nothing in it waits, except [`Board::start`], whose waits are bounded.
+pub(crate) trait Board {
+    /// Identity of the card before it has a serial number and the number of a start.
+    const IDENTITY: CardIdentity;
+
+    /// Starts the clocks, the pins and the peripherals: steps and outputs are low, and nothing moves.
+    fn start() -> Self;
+
+    /// Sets all steps and outputs low and ends everything that could raise them. For a defect of the firmware itself:
+    /// only a reset ends this state.
+    fn set_all_low();
+
+    /// Counts a start and returns a number that differs from that of the last start where the chip can tell.
+    fn count_start(&mut self) -> u32;
+
+    /// Returns the chip's unique number; zeros if it has none.
+    fn unique_number(&self) -> [u32; 3];
+
+    /// Whether no received byte is waiting.
+    fn line_is_silent(&mut self) -> bool;
+
+    /// Returns the next received byte.
+    fn receive(&mut self) -> Option<u8>;
+
+    /// Whether the transmitter can accept a byte.
+    fn can_send(&mut self) -> bool;
+
+    /// Passes a byte to the transmitter, which can accept one if [`Board::can_send`] returns true.
+    fn send(&mut self, byte: u8);
+
+    /// Whether the step generator can accept the batch of the next control period.
+    fn can_put_steps(&mut self) -> bool;
+
+    /// Passes the batch of the next control period to the step generator, which can accept one if
+    /// [`Board::can_put_steps`] returns true.
+    fn put_steps(&mut self, batch: &StepBatch<AXES>);
+
+    /// Returns the levels of the inputs, one bit each.
+    fn input_levels(&self) -> u16;
+
+    /// Returns the count of the handwheel's encoder, four per period of its signal; it wraps around.
+    fn encoder(&self) -> u16;
+
+    /// Switches the outputs.
+    fn set_outputs(&mut self, outputs: &Outputs);
+
+    /// Returns the processor's cycles since an arbitrary moment, modulo 2²⁴.
+    fn cycles(&self) -> u32;
+
+    /// Shows the chip's watchdog, if the board has one, that the main loop runs.
+    fn feed_watchdog(&mut self) {}
 }

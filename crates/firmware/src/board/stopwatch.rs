@@ -1,8 +1,8 @@
-//! The system timer as a stopwatch: it counts the processor's cycles down, 24 bits wide (ARMv7-M, B3.3).
+//! The system timer as a stopwatch: it counts the processor's cycles down, 24 bits wide (ARMv7-M and ARMv6-M, B3.3).
 //!
 //! Invariant: an interval shorter than 2²⁴ cycles is measured correctly.
 
-use super::registers::{start_system_timer, system_timer};
+use super::processor::{start_system_timer, system_timer};
 
 /// Starts it permanently.
 pub(super) fn start() {
@@ -10,11 +10,11 @@ pub(super) fn start() {
 }
 
 /// Returns the cycles since an arbitrary moment, modulo 2²⁴.
-pub(crate) fn now() -> u32 {
+pub(super) fn now() -> u32 {
     0x00ff_ffff - (system_timer().cvr.read() & 0x00ff_ffff)
 }
 
-/// Returns the cycles since `earlier`, which was at most 2²⁴ cycles ago.
-pub(crate) fn since(earlier: u32) -> u32 {
-    now().wrapping_sub(earlier) & 0x00ff_ffff
+/// Returns the cycles from `earlier` to `later`, which are at most 2²⁴ cycles apart.
+pub(crate) fn between(earlier: u32, later: u32) -> u32 {
+    later.wrapping_sub(earlier) & 0x00ff_ffff
 }

@@ -4,27 +4,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
 
-/// Step timing from the host's settings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StepShape {
-    /// Control period in microseconds.
-    pub period_us: u32,
-    /// Minimum length of a step pulse, in nanoseconds.
-    pub pulse_ns: u16,
-    /// Time that the direction is stable before a step, in nanoseconds.
-    pub setup_ns: u16,
-    /// Axes whose direction output is inverted, one bit each.
-    pub inverted: u16,
-}
-
-/// Net pulses of each axis in a control period, and their step timing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StepBatch<const A: usize> {
-    /// Net pulses of each axis.
-    pub increments: [i32; A],
-    /// Step timing.
-    pub shape: StepShape,
-}
+use crate::step_batch::{StepBatch, StepShape};
 
 /// Mailbox for one step batch: one context puts, one takes.
 pub struct StepMailbox<const A: usize> {

@@ -3,13 +3,11 @@
 //! Invariant: nothing here waits. A byte that arrives while the ring is full is dropped and counted; the frames'
 //! checksums detect it.
 
-use core::sync::atomic::Ordering::Relaxed;
-
 use retrace_firmware::ring::ByteRing;
 
 use super::chip::{self, interrupt};
 use super::registers::{rcc, set_priority, unmask, usart1};
-use crate::diagnostics::DIAGNOSTICS;
+use crate::diagnostics::{DIAGNOSTICS, increment};
 
 /// Baud rate, in bits per second.
 pub(crate) const BAUD: u32 = 1_000_000;
@@ -54,12 +52,12 @@ pub(crate) fn send(byte: u8) {
 fn USART1() {
     let status = usart1().sr().read();
     if status.ore().bit() {
-        DIAGNOSTICS.lost_bytes.fetch_add(1, Relaxed);
+        increment(&DIAGNOSTICS.lost_bytes);
     }
     if status.rxne().bit() || status.ore().bit() {
         let byte = usart1().dr().read().dr().bits() as u8;
         if status.rxne().bit() && !RECEIVED.push(byte) {
-            DIAGNOSTICS.lost_bytes.fetch_add(1, Relaxed);
+            increment(&DIAGNOSTICS.lost_bytes);
         }
     }
 }

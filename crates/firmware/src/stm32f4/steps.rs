@@ -5,10 +5,11 @@
 
 use retrace_card::{StepDirection, StepTiming};
 
+use super::period::{Period, SLOT_HZ};
+use super::pins::axes_word;
+use super::step_mailbox::StepMailbox;
 use crate::AXES;
-use crate::period::{Period, SLOT_HZ};
-use crate::pins::axes_word;
-use crate::step_mailbox::{StepBatch, StepMailbox, StepShape};
+use crate::step_batch::{StepBatch, StepShape};
 
 /// Steppers of all axes, and the position within the period.
 pub struct Steps {
@@ -38,9 +39,7 @@ pub struct Slot {
 }
 
 impl Steps {
-    /// Step timing before the first settings: a period of 1 ms.
-    pub const SHAPE: StepShape = StepShape { period_us: 1000, pulse_ns: 2000, setup_ns: 5000, inverted: 0 };
-    const TIMING: StepTiming = match timing(Self::SHAPE) {
+    const TIMING: StepTiming = match timing(StepShape::INITIAL) {
         Some(timing) => timing,
         None => unreachable!(),
     };
@@ -52,8 +51,8 @@ impl Steps {
             steppers: [const { StepDirection::new(Self::TIMING) }; AXES],
             high: 0,
             backward: 0,
-            shape: Self::SHAPE,
-            period: Period::new(Self::SHAPE.period_us, timer_hz),
+            shape: StepShape::INITIAL,
+            period: Period::new(StepShape::INITIAL.period_us, timer_hz),
             timer_hz,
             left: 0,
             counted: [0; AXES],
@@ -141,7 +140,7 @@ const fn timing(shape: StepShape) -> Option<StepTiming> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pins::{FIRST_DIRECTION_PIN, FIRST_STEP_PIN};
+    use crate::stm32f4::pins::{FIRST_DIRECTION_PIN, FIRST_STEP_PIN};
     use proptest::prelude::*;
 
     /// What a drive makes of a port's levels: counts on rising edges of its step input, by its direction input.

@@ -4,18 +4,16 @@
 //! QEMU, where a host cannot keep a clock of 100 kHz, it comes once per control period and runs all slots of the period
 //! at once: the same code, the same counts, and no pulse shape.
 
-use core::sync::atomic::Ordering::Relaxed;
-
 use retrace_firmware::AXES;
-use retrace_firmware::period::SLOT_HZ;
-use retrace_firmware::step_mailbox::StepMailbox;
-use retrace_firmware::steps::Steps;
+use retrace_firmware::stm32f4::period::SLOT_HZ;
+use retrace_firmware::stm32f4::step_mailbox::StepMailbox;
+use retrace_firmware::stm32f4::steps::Steps;
 
 use super::chip::{self, interrupt};
 use super::clock::RATES;
 use super::registers::{rcc, set_port_a, set_priority, tim5, unmask};
-use super::stopwatch;
-use crate::diagnostics::DIAGNOSTICS;
+use crate::board::stopwatch;
+use crate::diagnostics::{DIAGNOSTICS, increment};
 
 /// Timer ticks per second.
 const TIMER_HZ: u32 = RATES.step_timer;
@@ -52,7 +50,7 @@ fn TIM5() {
                 }
                 // without preload: the count has only just restarted, so the new end is ahead of it
                 tim5().arr().write(|w| w.arr().set((ticks * slots).saturating_sub(1)));
-                DIAGNOSTICS.publish(STEPS);
+                DIAGNOSTICS.publish(STEPS.counted(), STEPS.refused());
                 *RUNNING = true;
             }
             set_port_a(slot.word);
@@ -61,9 +59,9 @@ fn TIM5() {
             // the main loop was not ready in time: this period begins a slot later
             if *RUNNING {
                 *RUNNING = false;
-                DIAGNOSTICS.late_periods.fetch_add(1, Relaxed);
+                increment(&DIAGNOSTICS.late_periods);
             }
         }
     }
-    DIAGNOSTICS.record_interrupt(stopwatch::since(entered));
+    DIAGNOSTICS.record_interrupt(stopwatch::between(entered, stopwatch::now()));
 }

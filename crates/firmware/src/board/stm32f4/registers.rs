@@ -1,10 +1,10 @@
-//! The only unsafe code of the firmware: access to the peripherals' registers from the main loop and from interrupts.
+//! The only unsafe code of this board: access to the peripherals' registers from the main loop and from interrupts.
 //!
 //! Invariant: it returns shared references to register blocks, whose own methods read and write them volatile and check
 //! the width of every field; registers without such a method are accessed by a single store or load here.
 #![allow(unsafe_code)]
 
-use cortex_m::peripheral::{NVIC, SYST};
+use cortex_m::peripheral::NVIC;
 
 use super::chip;
 
@@ -77,22 +77,6 @@ pub(crate) fn set_priority(interrupt: chip::Interrupt, level: u8) {
     unsafe { (*NVIC::PTR).ipr[interrupt as usize].write(level << (8 - chip::NVIC_PRIO_BITS)) };
 }
 
-/// Returns the system timer.
-pub(crate) fn system_timer() -> &'static cortex_m::peripheral::syst::RegisterBlock {
-    // SAFETY: as for the register blocks above.
-    unsafe { &*SYST::PTR }
-}
-
-/// Starts the system timer from its full range, without an interrupt.
-pub(crate) fn start_system_timer() {
-    // SAFETY: every value written is valid (ARMv7-M, B3.3); nothing else uses this timer.
-    unsafe {
-        system_timer().rvr.write(0x00ff_ffff);
-        system_timer().cvr.write(0);
-        system_timer().csr.write(0b101);
-    }
-}
-
 /// Returns the chip's unique number, 96 bits (RM0090, 39.1; RM0368, 24.1). QEMU has none.
 pub(crate) fn unique_number() -> [u32; 3] {
     #[cfg(feature = "qemu")]
@@ -102,12 +86,6 @@ pub(crate) fn unique_number() -> [u32; 3] {
     unsafe {
         core::ptr::with_exposed_provenance::<[u32; 3]>(0x1fff_7a10).read_volatile()
     }
-}
-
-/// Handler of processor faults: the state is not reliable any more, so the firmware halts.
-#[cortex_m_rt::exception]
-unsafe fn HardFault(_frame: &cortex_m_rt::ExceptionFrame) -> ! {
-    crate::halt()
 }
 
 /// Handler of unexpected interrupts.

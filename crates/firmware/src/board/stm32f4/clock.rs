@@ -29,7 +29,7 @@ pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, s
 
 const _: () = {
     // the chosen rates divide without remainder, so that slots and baud rate are exact
-    assert!(RATES.step_timer % retrace_firmware::period::SLOT_HZ == 0);
+    assert!(RATES.step_timer % retrace_firmware::stm32f4::period::SLOT_HZ == 0);
     assert!(RATES.serial % super::serial::BAUD == 0 && RATES.serial / super::serial::BAUD >= 16);
     assert!(RATES.core >= 84_000_000);
 };
@@ -49,7 +49,7 @@ mod tree {
     //!
     //! Invariant: the flash's wait states and the core's voltage are raised before the rate is.
 
-    use crate::board::registers::{flash, pwr, rcc, set_pll_factors};
+    use crate::board::stm32f4::registers::{flash, pwr, rcc, set_pll_factors};
 
     /// Megahertz of the crystal, if one is fitted.
     const CRYSTAL_MHZ: Option<u8> = match (cfg!(feature = "hse8"), cfg!(feature = "hse25")) {

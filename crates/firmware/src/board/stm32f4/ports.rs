@@ -3,7 +3,7 @@
 //! Invariant: an output pin has its level before it becomes an output.
 
 use retrace_firmware::AXES;
-use retrace_firmware::pins::{
+use retrace_firmware::stm32f4::pins::{
     ALL_OUTPUTS_LOW, ENCODER_PINS, FIRST_DIRECTION_PIN, FIRST_STEP_PIN, INPUT_PINS, OUTPUT_PINS, Port, SERIAL_PINS,
     outputs_word,
 };
@@ -60,7 +60,7 @@ pub(super) fn start() {
 /// Returns the levels of the inputs, one bit each. QEMU's ports read as zero.
 pub(crate) fn input_levels() -> u16 {
     let (a, b, c) = (port_a().idr().read().bits(), port_b().idr().read().bits(), port_c().idr().read().bits());
-    retrace_firmware::pins::input_levels(a, b, c)
+    retrace_firmware::stm32f4::pins::input_levels(a, b, c)
 }
 
 /// Switches the output pins.

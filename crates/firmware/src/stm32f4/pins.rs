@@ -6,22 +6,12 @@
 use retrace_link::{Outputs, channel};
 
 use crate::AXES;
+use crate::output_level::High;
 
 /// Step pin of the first axis, on port A; those of the other axes follow it. The drive counts the rising edge.
 pub const FIRST_STEP_PIN: u8 = 1;
 /// Direction pin of the first axis, on port A; those of the other axes follow it. High is positive.
 pub const FIRST_DIRECTION_PIN: u8 = 5;
-
-/// Condition under which an output pin is high.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum High {
-    /// While the channel is not 0.
-    NotZero(u8),
-    /// While the channel is above 0.
-    Above(u8),
-    /// While the channel is below 0.
-    Below(u8),
-}
 
 /// Number of digital outputs with a pin: channels 0 … 3.
 pub const DIGITAL_OUTPUTS: u8 = 4;
@@ -74,15 +64,7 @@ pub const fn axes_word(steps: u32, backward: u32, inverted: u32) -> u32 {
 /// Returns the word for port B that sets all output pins.
 #[must_use]
 pub fn outputs_word(outputs: &Outputs) -> u32 {
-    let value = |channel: u8| outputs[usize::from(channel)];
-    OUTPUT_PINS.iter().fold(0, |word, &(pin, high)| {
-        let is_high = match high {
-            High::NotZero(channel) => value(channel) != 0,
-            High::Above(channel) => value(channel) > 0,
-            High::Below(channel) => value(channel) < 0,
-        };
-        word | bit(pin, is_high)
-    })
+    OUTPUT_PINS.iter().fold(0, |word, &(pin, high)| word | bit(pin, high.is_met(outputs)))
 }
 
 /// Word for port B that sets all output pins low.

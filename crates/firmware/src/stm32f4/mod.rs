@@ -1,0 +1,31 @@
+//! The part of the STM32F4 boards that accesses no register: pins, step clock, and the work of the step interrupt.
+//!
+//! Invariant: data shared by the interrupt and the main loop is atomic, and each word is stored by only one of them.
+
+pub mod period;
+pub mod pins;
+pub mod step_mailbox;
+pub mod steps;
+
+use retrace_link::{CardIdentity, PROTOCOL};
+
+use crate::{AXES, MEMORY, WINDOW};
+use period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
+
+/// Identity of the card before it has a serial number and the number of a start.
+pub const IDENTITY: CardIdentity = CardIdentity {
+    protocol: PROTOCOL,
+    name: *b"retrace-stm32f4\0",
+    serial: 0,
+    boot: 0,
+    axes: AXES as u8,
+    outputs: pins::DIGITAL_OUTPUTS,
+    inputs: pins::INPUT_PINS.len() as u8,
+    has_power_output: false,
+    window: WINDOW as u32,
+    memory: MEMORY as u16,
+    tick_hz: SLOT_HZ,
+    min_period_us: MIN_PERIOD_US,
+    max_period_us: MAX_PERIOD_US,
+    max_pulses_hz: SLOT_HZ / 2,
+};
