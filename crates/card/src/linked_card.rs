@@ -58,7 +58,18 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize, S: RecordSt
         self.card.set_identity(serial, boot);
     }
 
-    /// Processes a byte from the line.
+    /// Processes a byte from the line without the commands that it completes, which [`LinkedCard::process_command`]
+    /// processes one at a time: a frame may hold hundreds.
+    pub fn receive_byte(&mut self, byte: u8) {
+        self.endpoint.receive_byte(byte, &mut self.card);
+    }
+
+    /// Processes the next command of the frame that was received last. Returns false if there is none left.
+    pub fn process_command(&mut self) -> bool {
+        self.endpoint.process_command(&mut self.card)
+    }
+
+    /// Processes a byte from the line, and every command that it completes.
     pub fn receive(&mut self, byte: u8) {
         self.endpoint.receive(byte, &mut self.card);
     }

@@ -41,12 +41,14 @@ fn main() -> ! {
     let mut sender = Sender { bytes: [0; CHUNK], at: 0, end: 0 };
     loop {
         board.feed_watchdog();
-        // between bytes, so that a burst of them does not make a period late
+        // between commands, so that a frame of many does not make a period late
         if board.can_put_steps() {
             run_period(CARD, &mut board, &mut shape);
         }
-        if let Some(byte) = board.receive() {
-            CARD.receive(byte);
+        if !CARD.process_command()
+            && let Some(byte) = board.receive()
+        {
+            CARD.receive_byte(byte);
         }
         sender.send(CARD, &mut board);
     }

@@ -13,9 +13,10 @@ use retrace_core::{Rate, RateTarget};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
+use crate::pending_commands::PendingCommands;
 use crate::sequence::{FirstNumbers, acknowledged_items, is_after};
 use crate::session::{is_next_opening, is_open_epoch};
-use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_command};
+use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, kind};
 use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, channel, session_key, state_crc};
 
 /// Bytes reserved at the end of a report for the state check.
@@ -28,6 +29,7 @@ const IN_FLIGHT: u16 = 96;
 #[derive(Clone, Debug)]
 pub struct CardEndpoint<const A: usize, const E: usize> {
     decoder: FrameDecoder<MAX_PAYLOAD>,
+    pending: PendingCommands<A>,
     epoch: u16,
     last_epoch: u16,
     /// First numbers of every epoch.
@@ -123,6 +125,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         }
         Self {
             decoder: FrameDecoder::new(),
+            pending: PendingCommands::new(),
             epoch: 0,
             last_epoch,
             first_numbers,
@@ -159,8 +162,17 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         self.epoch
     }
 
-    /// Processes a byte from the line.
+    /// Processes a byte from the line, and every command that it completes.
     pub fn receive(&mut self, byte: u8, card: &mut impl CardCore<A>) {
+        self.receive_byte(byte, card);
+        while self.process_command(card) {}
+    }
+
+    /// Processes a byte from the line without the commands that it completes, which
+    /// [`CardEndpoint::process_command`] processes one at a time.
+    pub fn receive_byte(&mut self, byte: u8, card: &mut impl CardCore<A>) {
+        // those of the frame before, if they were not processed
+        while self.process_command(card) {}
         let Some(Ok(payload)) = self.decoder.push(byte) else { return };
         let mut copy = [0; MAX_PAYLOAD];
         let length = payload.len();
@@ -179,7 +191,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             }
             (kind::STREAM, true) if self.receive_session_frame(&mut reader, card)? => {
                 self.acknowledge(reader.u16()?);
-                self.receive_commands(reader, card)?;
+                self.receive_commands(reader)?;
             }
             (kind::RATE, true) if self.receive_session_frame(&mut reader, card)? => {
                 self.acknowledge(reader.u16()?);
@@ -261,30 +273,30 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         self.urgent = true;
     }
 
-    fn receive_commands(&mut self, mut reader: ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<()> {
-        let mut number = reader.u16()?;
+    fn receive_commands(&mut self, mut reader: ByteReader<'_>) -> Option<()> {
+        let number = reader.u16()?;
         if is_after(number, self.next_command) {
             self.command_gap = true;
             self.urgent = true;
             return None;
         }
-        let mut run = RecordRun::new(self.axes);
-        while !reader.is_empty() {
-            let command = read_command(&mut reader, &mut run)?;
-            if number == self.next_command {
-                self.next_command = self.next_command.wrapping_add(1);
-                self.command_gap = false;
-                match (card.accept(command), command) {
-                    (Err(_), HostCommand::Instruction(instruction)) => {
-                        self.push(ReportEntry::Refused(instruction.number))
-                    }
-                    (Err(_), HostCommand::Repeat(repeated)) => self.push(ReportEntry::RepeatRefused(repeated.number)),
-                    _ => {}
-                }
-            }
-            number = number.wrapping_add(1);
-        }
+        self.pending.set(number, self.axes, reader);
         Some(())
+    }
+
+    /// Processes the next command of the frame that was received last. Returns false if there is none left.
+    pub fn process_command(&mut self, card: &mut impl CardCore<A>) -> bool {
+        let Some((number, command)) = self.pending.next() else { return false };
+        if number == self.next_command {
+            self.next_command = self.next_command.wrapping_add(1);
+            self.command_gap = false;
+            match (card.accept(command), command) {
+                (Err(_), HostCommand::Instruction(instruction)) => self.push(ReportEntry::Refused(instruction.number)),
+                (Err(_), HostCommand::Repeat(repeated)) => self.push(ReportEntry::RepeatRefused(repeated.number)),
+                _ => {}
+            }
+        }
+        true
     }
 
     fn receive_rate(&mut self, mut reader: ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<()> {
@@ -498,11 +510,12 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     pub fn hash_state(&self, state: &mut impl Hasher) {
         #[rustfmt::skip] // no `..`: a new field has to be decided about here
         let Self {
-            decoder, epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap, entries,
-            first, count, sent, sent_once, entries_lost, reported, greeting, nonce, key, frame_received,
+            decoder, pending, epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap,
+            entries, first, count, sent, sent_once, entries_lost, reported, greeting, nonce, key, frame_received,
             report_periods, since_report, unconfirmed, retransmit_periods, urgent, frames: _, stage, staged,
         } = self;
         decoder.hash_state(state);
+        pending.hash_state(state);
         (epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap).hash(state);
         (0..*count).for_each(|k| entries[usize::from(first.wrapping_add(k)) % E].hash(state));
         (first, count, sent, sent_once, entries_lost, reported).hash(state);

@@ -27,6 +27,7 @@ mod host;
 mod layer;
 mod message;
 mod outputs;
+mod pending_commands;
 mod ports;
 #[doc(hidden)]
 pub mod predicted_window;

@@ -27,14 +27,14 @@ const RESTS: u8 = 0x01;
 const FEED_SHARE: u8 = 0x80;
 
 /// State of a run of records in a payload.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Hash)]
 pub struct RecordRun<const A: usize> {
     /// Number of encoded axes; the others are zero.
     axes: usize,
     last: Option<PreviousRecord<A>>,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Hash)]
 struct PreviousRecord<const A: usize> {
     place: RecordIndex,
     record: Record<A>,
@@ -43,8 +43,9 @@ struct PreviousRecord<const A: usize> {
 impl<const A: usize> RecordRun<A> {
     /// Creates the state at the beginning of a payload; `axes` is the number of encoded axes.
     #[must_use]
-    pub fn new(axes: u8) -> Self {
-        Self { axes: usize::from(axes).min(A), last: None }
+    pub const fn new(axes: u8) -> Self {
+        let axes = axes as usize;
+        Self { axes: if axes < A { axes } else { A }, last: None }
     }
 
     /// Whether a record at this place needs an explicit record number.
