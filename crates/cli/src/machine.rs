@@ -16,7 +16,7 @@ use serde_json::json;
 
 use crate::command_failure::CommandFailure;
 use crate::files::unwritable;
-use crate::{args, escape, files, linked_card};
+use crate::{args, escape, files, known_boards, linked_card};
 
 /// The commented machine file of the built-in machine.
 const COMMENTED: &str = include_str!("machine.toml");
@@ -85,9 +85,11 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailu
     });
     let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
     if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
-        let card = linked_card::find::<{ linked_card::MAX_AXES }>(address)?;
-        let misfits =
-            card.greeting().map(|greeting| linked_card::misfits(&greeting.identity, machine)).unwrap_or_default();
+        let identity = match known_boards::identity(address) {
+            Some(identity) => Some(identity),
+            None => linked_card::find::<{ linked_card::MAX_AXES }>(address)?.greeting().map(|of| of.identity),
+        };
+        let misfits = identity.map(|identity| linked_card::misfits(&identity, machine)).unwrap_or_default();
         let refusal =
             |what| NumberedError::new("E3008", format!("{name}, {address}: {what}"), linked_card::MISFIT_REMEDY);
         errors.extend(misfits.into_iter().map(refusal));

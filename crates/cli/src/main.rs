@@ -37,6 +37,7 @@ mod job_runner;
 mod job_spec;
 mod jobs;
 mod journaled_job;
+mod known_boards;
 mod linked_card;
 mod machine;
 mod machine_tables;

@@ -35,15 +35,14 @@ pub enum Machine {
     },
     /// Check a machine file: one line per error and warning, then a summary of the machine.
     #[command(after_help = "Examples:\n  retrace machine check examples/02-back-up.toml\n  \
-        retrace machine check mill.toml --card /dev/ttyUSB0\n\nExit codes: 0 usable, with warnings or without · 2 \
-        errors · \
-        3 the card does not answer")]
+        retrace machine check mill.toml --card /dev/ttyUSB0\n  retrace machine check mill.toml --card pico\n\n\
+        Exit codes: 0 usable, with warnings or without · 2 errors · 3 the card does not answer")]
     Check {
         /// The machine file.
         file: PathBuf,
-        /// Compare it with the card at this port, `PATH[@BAUD]`, too: step rates, control period, axes, inputs and
-        /// outputs.
-        #[arg(long, value_name = "PORT")]
+        /// Compare it with the card at this port, `PATH[@BAUD]`, or with a board for which there is firmware, `pico`,
+        /// `f401`, `f405` or `f411`: step rates, control period, axes, inputs and outputs.
+        #[arg(long, value_name = "PORT|BOARD")]
         card: Option<String>,
         /// One JSON object on standard output: `errors` and `warnings`, each with `number`, `cause` and `remedy`.
         #[arg(long)]

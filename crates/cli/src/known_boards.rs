@@ -1,0 +1,43 @@
+//! Boards for which this project has firmware: what each can do, so that a machine file can be checked before one is
+//! there.
+//!
+//! Invariant: each entry is the identity that the firmware of that board reports; the firmware's tests compile this
+//! file, too, and compare them.
+
+use retrace_link::{CardIdentity, PROTOCOL};
+
+/// Names of the boards.
+pub const NAMES: [&str; 4] = ["pico", "f401", "f405", "f411"];
+
+/// What the card on a board reports of itself; `None` for an unknown board.
+pub fn identity(name: &str) -> Option<CardIdentity> {
+    let stm32f4 = |min_period_us| CardIdentity {
+        protocol: PROTOCOL,
+        name: *b"retrace-stm32f4\0",
+        serial: 0,
+        boot: 0,
+        axes: 4,
+        outputs: 4,
+        inputs: 8,
+        has_power_output: false,
+        window: 1024,
+        memory: 256,
+        tick_hz: 100_000,
+        min_period_us,
+        max_period_us: 20_000,
+        max_pulses_hz: 50_000,
+    };
+    match name {
+        "pico" => Some(CardIdentity {
+            name: *b"retrace-rp2040\0\0",
+            inputs: 6,
+            tick_hz: 125_000_000,
+            max_period_us: 4000,
+            max_pulses_hz: 250_000,
+            ..stm32f4(1000)
+        }),
+        "f405" => Some(stm32f4(500)),
+        "f401" | "f411" => Some(stm32f4(1000)),
+        _ => None,
+    }
+}
