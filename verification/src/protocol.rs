@@ -120,8 +120,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a command that comes again is applied again",
             file: "crates/link/src/card_endpoint.rs",
-            find: "            if number == self.next_command {",
-            put: "            if !is_after(number, self.next_command) {",
+            find: "        if number == self.next_command {",
+            put: "        if !is_after(number, self.next_command) {",
             killer: "protocol_states",
         },
         Mutant {
