@@ -32,7 +32,8 @@ pub(crate) struct Diagnostics {
     counted: [AtomicI32; AXES],
 }
 
-/// The single instance.
+/// The single instance. The attribute keeps its layout, which the compiler could otherwise take apart.
+#[used]
 pub(crate) static DIAGNOSTICS: Diagnostics = Diagnostics {
     mark: AtomicU32::new(0),
     max_period: AtomicU32::new(0),

@@ -8,6 +8,7 @@
 pub mod boot;
 pub mod output_level;
 pub mod ring;
+pub mod rp2040;
 pub mod step_batch;
 pub mod stm32f4;
 

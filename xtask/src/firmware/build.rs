@@ -6,13 +6,10 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use super::uf2;
 use retrace_task_support::{process, tools};
 
-const TARGET: &str = "thumbv7em-none-eabihf";
-/// Installation of a compiler for the target.
-pub(super) const GET_COMPILER: &str = "rustup target add thumbv7em-none-eabihf (docs/firmware.md)";
-
-/// A microcontroller.
+/// A board, by its microcontroller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Board {
     /// STM32F405, 168 MHz.
@@ -21,17 +18,30 @@ pub(crate) enum Board {
     F401,
     /// STM32F411, 100 MHz.
     F411,
+    /// Raspberry Pi Pico: RP2040, 125 MHz.
+    Pico,
 }
 
 impl Board {
-    pub(super) const ALL: [Self; 3] = [Self::F405, Self::F401, Self::F411];
+    pub(super) const ALL: [Self; 4] = [Self::F405, Self::F401, Self::F411, Self::Pico];
 
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::F405 => "f405",
             Self::F401 => "f401",
             Self::F411 => "f411",
+            Self::Pico => "pico",
         }
+    }
+
+    /// The feature of the firmware.
+    fn feature(self) -> &'static str {
+        if self == Self::Pico { "rp2040" } else { self.name() }
+    }
+
+    /// The target that its code is compiled for.
+    fn target(self) -> &'static str {
+        if self == Self::Pico { "thumbv6m-none-eabi" } else { "thumbv7em-none-eabihf" }
     }
 
     /// The board of this name.
@@ -42,7 +52,7 @@ impl Board {
         Self::ALL
             .into_iter()
             .find(|board| board.name() == name)
-            .ok_or_else(|| format!("there is no board `{name}`: f405, f401, f411"))
+            .ok_or_else(|| format!("there is no board `{name}`: f405, f401, f411, pico"))
     }
 }
 
@@ -50,7 +60,7 @@ impl Board {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Build {
     pub(super) board: Board,
-    /// Megahertz of the crystal; `None`: the internal oscillator.
+    /// Megahertz of the crystal of an STM32F4; `None`: the internal oscillator.
     pub(super) crystal: Option<u8>,
     /// Whether it is for QEMU.
     pub(super) emulated: bool,
@@ -61,8 +71,8 @@ impl Build {
     pub(super) const EMULATED: Self = Self { board: Board::F405, crystal: None, emulated: true };
 
     fn features(self) -> String {
-        let mut features = self.board.name().to_owned();
-        if let Some(crystal) = self.crystal {
+        let mut features = self.board.feature().to_owned();
+        if let Some(crystal) = self.crystal.filter(|_| self.board != Board::Pico) {
             features.push_str(&format!(",hse{crystal}"));
         }
         if self.emulated {
@@ -76,18 +86,37 @@ impl Build {
     /// # Errors
     /// No compiler for it is installed, or it does not build.
     pub(super) fn run(self, root: &Path) -> Result<PathBuf, String> {
-        let compiler = Compiler::find()?;
+        let target = self.board.target();
+        let compiler = Compiler::find(target)?;
         let features = self.features();
         // one folder per image, so that they are not confused
         let folder = target_folder(root).join("firmware");
-        let arguments = ["build", "--locked", "--release", "--target", TARGET, "--features", &features];
+        let arguments = ["build", "--locked", "--release", "--target", target, "--features", &features];
         let mut command = process::cargo(&root.join("crates/firmware"), &arguments);
         command.args(["--message-format", "json-render-diagnostics"]).env("CARGO_TARGET_DIR", &folder);
-        compiler.prepare(&mut command);
+        if self.board == Board::Pico {
+            // it has room for speed, and its processor needs it
+            command.env("CARGO_PROFILE_RELEASE_OPT_LEVEL", "3");
+        }
+        compiler.prepare(&mut command, target);
         let built = process::build(&mut command).map_err(|reason| format!("firmware for {features}: {reason}"))?;
         let image = folder.join(format!("retrace-{}.elf", features.replace(',', "-")));
         std::fs::copy(&built, &image).map_err(|error| format!("{}: {error}", image.display()))?;
         Ok(image)
+    }
+
+    /// Writes the image that the boot ROM of a Pico accepts by drag and drop, beside the ELF file; returns its path.
+    ///
+    /// # Errors
+    /// The ELF file cannot be read, or the other one not written.
+    pub(super) fn write_uf2(self, image: &Path) -> Result<Option<PathBuf>, String> {
+        if self.board != Board::Pico {
+            return Ok(None);
+        }
+        let bytes = std::fs::read(image).map_err(|error| format!("{}: {error}", image.display()))?;
+        let path = image.with_extension("uf2");
+        std::fs::write(&path, uf2::convert(&bytes)?).map_err(|error| format!("{}: {error}", path.display()))?;
+        Ok(Some(path))
     }
 }
 
@@ -106,31 +135,32 @@ enum Compiler {
 }
 
 impl Compiler {
-    fn find() -> Result<Self, String> {
-        if tools::sysroot().is_some_and(|sysroot| sysroot.join("lib/rustlib").join(TARGET).is_dir()) {
+    fn find(target: &str) -> Result<Self, String> {
+        if tools::sysroot().is_some_and(|sysroot| sysroot.join("lib/rustlib").join(target).is_dir()) {
             return Ok(Self::Own);
         }
         let named = tools::variable("RETRACE_CROSS_RUSTC");
         let rustc = named.or_else(|| Some(tools::toolbox()?.join("bin/rustc-web")).filter(|path| path.is_file()));
-        let missing = || format!("no rustc for {TARGET}: {GET_COMPILER}");
+        let missing = || format!("no rustc for {target}: rustup target add {target} (docs/firmware.md)");
         let linker = tools::linker().ok_or_else(|| "no rust-lld in the toolchain".to_owned())?;
         Ok(Self::Other { rustc: rustc.ok_or_else(missing)?, linker })
     }
 
-    fn prepare(&self, command: &mut Command) {
+    fn prepare(&self, command: &mut Command, target: &str) {
         if let Self::Other { rustc, linker } = self {
             command.arg("-Zbuild-std=core").env("RUSTC", rustc).env("RUSTC_BOOTSTRAP", "1");
-            command.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker);
+            let variable = target.to_uppercase().replace('-', "_");
+            command.env(format!("CARGO_TARGET_{variable}_LINKER"), linker);
         }
     }
 }
 
-/// Checks that a compiler is installed.
+/// Checks that the compilers of these boards are installed.
 ///
 /// # Errors
 /// The missing tool, and how to install it.
-pub(super) fn can_build() -> Result<(), String> {
-    Compiler::find().map(|_| ())
+pub(super) fn can_build(boards: &[Board]) -> Result<(), String> {
+    boards.iter().try_for_each(|board| Compiler::find(board.target()).map(|_| ()))
 }
 
 #[cfg(test)]
@@ -141,5 +171,6 @@ mod tests {
     fn features_name_board_crystal_and_emulation() {
         assert_eq!(Build::EMULATED.features(), "f405,qemu");
         assert_eq!(Build { board: Board::F411, crystal: Some(25), emulated: false }.features(), "f411,hse25");
+        assert_eq!(Build { board: Board::Pico, crystal: Some(25), emulated: false }.features(), "rp2040");
     }
 }

@@ -1,4 +1,4 @@
-//! `cargo xtask firmware`: builds the firmware, checks its size, runs it in QEMU and tests it there.
+//! `cargo xtask firmware`: builds the firmware, checks its size, runs it in emulators and tests it there.
 //!
 //! Invariant: a check that cannot be run for want of a tool is reported by name; it counts as passed in `test` alone,
 //! which lists what it did not run.
@@ -7,8 +7,11 @@ mod build;
 mod diagnostics;
 mod elf;
 mod emulator;
+mod pico;
+mod pico_emulator;
 mod sections;
 mod test;
+mod uf2;
 
 use std::path::Path;
 use std::time::Duration;
@@ -67,8 +70,12 @@ impl Order {
 pub(crate) fn run(root: &Path, order: &Order) -> bool {
     let done = match order {
         Order::Build(builds) => each(builds, |build| {
-            println!("{:<6} {}", build.board.name(), build.run(root)?.display());
-            Ok(true)
+            let image = build.run(root)?;
+            println!("{:<6} {}", build.board.name(), image.display());
+            if let Some(path) = build.write_uf2(&image)? {
+                println!("{:<6} {}", "", path.display());
+            }
+            sections::hold(build, &image)
         }),
         Order::Size(builds) => each(builds, |build| sections::hold(build, &build.run(root)?)),
         Order::Emulate => emulate(root).map(|()| true),

@@ -1,18 +1,33 @@
-//! Flash and RAM of the microcontroller that an image uses, and their budget.
+//! Flash and RAM of the microcontroller that an image uses, and their budgets.
 //!
 //! Invariant: the printed figures are those that are checked; above its budget an image does not pass.
 
 use std::path::Path;
 
-use super::build::Build;
+use super::build::{Board, Build};
 use super::elf::Image;
 
-/// Largest number of bytes of flash.
-const FLASH: u32 = 64 * 1024;
-/// Largest number of bytes of RAM, with the stack.
-const RAM: u32 = 48 * 1024;
-/// Bytes of RAM that are reserved for the stack; `firmware test` measures that it is enough.
-pub(super) const STACK: u32 = 10 * 1024;
+/// Largest number of bytes of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Budget {
+    flash: u32,
+    /// With the stack.
+    ram: u32,
+    /// Bytes of RAM that are reserved for the stack; `firmware test` measures that it is enough.
+    pub(super) stack: u32,
+}
+
+impl Budget {
+    /// For every STM32F4: it fits the smallest of them.
+    const STM32F4: Self = Self { flash: 64 * 1024, ram: 48 * 1024, stack: 10 * 1024 };
+    /// The Pico's code is in RAM, too.
+    const PICO: Self = Self { flash: 256 * 1024, ram: 192 * 1024, stack: 16 * 1024 };
+
+    pub(super) const fn of(board: Board) -> Self {
+        if let Board::Pico = board { Self::PICO } else { Self::STM32F4 }
+    }
+}
+
 /// Begin of RAM.
 pub(super) const RAM_BEGINS: u32 = 0x2000_0000;
 
@@ -34,8 +49,8 @@ impl Size {
         Self { flash: sum(&|section| section.has_bytes), ram: sum(&|section| in_ram(section.address)) }
     }
 
-    fn fits(self) -> bool {
-        self.flash <= FLASH && self.ram + STACK <= RAM
+    fn fits(self, budget: Budget) -> bool {
+        self.flash <= budget.flash && self.ram + budget.stack <= budget.ram
     }
 }
 
@@ -46,14 +61,18 @@ impl Size {
 pub(super) fn hold(build: &Build, path: &Path) -> Result<bool, String> {
     let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let size = Size::of(&Image::read(&bytes)?);
-    let verdict = if size.fits() { "fits" } else { "TOO LARGE" };
+    let budget = Budget::of(build.board);
+    let verdict = if size.fits(budget) { "fits" } else { "TOO LARGE" };
     println!(
-        "{:<6} flash {:>6} of {FLASH} bytes   RAM {:>6} and {STACK} of stack, of {RAM} bytes   {verdict}",
+        "{:<6} flash {:>6} of {:>6} bytes   RAM {:>6} and {} of stack, of {:>6} bytes   {verdict}",
         build.board.name(),
         size.flash,
-        size.ram
+        budget.flash,
+        size.ram,
+        budget.stack,
+        budget.ram
     );
-    Ok(size.fits())
+    Ok(size.fits(budget))
 }
 
 #[cfg(test)]
@@ -68,7 +87,9 @@ mod tests {
             vec![section(0x0800_0000, 1000, true), section(RAM_BEGINS, 30, true), section(RAM_BEGINS + 30, 200, false)];
         let size = Size::of(&Image { sections, symbols: Vec::new() });
         assert_eq!(size, Size { flash: 1030, ram: 230 });
-        assert!(Size { flash: FLASH, ram: RAM - STACK }.fits());
-        assert!(!Size { flash: FLASH + 1, ram: 0 }.fits() && !Size { flash: 0, ram: RAM - STACK + 1 }.fits());
+        let budget = Budget::of(Board::F401);
+        let (flash, ram) = (budget.flash, budget.ram - budget.stack);
+        assert!(Size { flash, ram }.fits(budget));
+        assert!(!Size { flash: flash + 1, ram: 0 }.fits(budget) && !Size { flash: 0, ram: ram + 1 }.fits(budget));
     }
 }

@@ -10,7 +10,8 @@ use super::build::{self, Board, Build};
 use super::diagnostics::{self, Diagnostics};
 use super::elf::Image;
 use super::emulator::{self, Emulator};
-use super::sections;
+use super::sections::Budget;
+use super::{pico, pico_emulator, sections};
 use crate::suite;
 use retrace_task_support::process;
 
@@ -42,14 +43,16 @@ impl From<Result<bool, String>> for Ended {
 type Check<'a> = (&'a str, Result<(), String>, &'a dyn Fn(&Path) -> Result<bool, String>);
 
 pub(super) fn run(root: &Path) -> Verdict {
-    let compiler = build::can_build();
-    let qemu = compiler.clone().and_then(|()| emulator::can_emulate().map(|_| ()));
-    let checks: [Check; 5] = [
+    let compilers = build::can_build(&Board::ALL);
+    let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
+    let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
+    let checks: [Check; 6] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
-        ("size", compiler, &sizes),
+        ("size", compilers, &sizes),
         ("emulation", qemu, &emulation),
+        ("emulation of the Pico", rp2040js, &pico::emulation),
     ];
     let mut verdict = Verdict { passed: true, remark: String::new() };
     for (name, tools, check) in checks {
@@ -59,7 +62,7 @@ pub(super) fn run(root: &Path) -> Verdict {
         };
         let said = match ended {
             Ended::Passed => format!("{name} passed"),
-            Ended::NotRun(missing) => format!("{name} not run: {missing}"),
+            Ended::NotRun(missing) => format!("{name} NOT RUN: {missing}"),
             Ended::Failed(reason) => {
                 verdict.passed = false;
                 format!("{name} FAILED: {reason}")
@@ -87,7 +90,7 @@ fn sizes(root: &Path) -> Result<bool, String> {
 }
 
 /// Files of an emulated job: the program, the machine and the operator.
-const PROGRAM: &str = "crates/firmware/emulated.ngc";
+pub(super) const PROGRAM: &str = "crates/firmware/emulated.ngc";
 const MACHINE: &str = "crates/firmware/emulated.toml";
 const OPERATOR: &str = "crates/firmware/emulated.op";
 
@@ -100,7 +103,9 @@ fn emulation(root: &Path) -> Result<bool, String> {
     let image = Image::read(&bytes)?;
     // one virtual nanosecond per instruction
     let mut emulator = Emulator::start(&path, &["-icount", "shift=0"])?;
-    let report = job(Command::new(command).current_dir(root).args(["run", PROGRAM, "--card", emulator.line()]))?;
+    let mut command = Command::new(command);
+    command.current_dir(root).args(["run", PROGRAM, "--card", emulator.line(), "--machine", MACHINE]);
+    let report = job(command.args(["--operator", OPERATOR]))?;
     let found = Diagnostics::read(&image, &mut emulator)?;
     let depth = diagnostics::stack_depth(&image, &mut emulator)?;
     println!(
@@ -115,12 +120,13 @@ fn emulation(root: &Path) -> Result<bool, String> {
         diagnostics::instructions(found.max_interrupt) / SLOTS,
     );
     println!("emulation: pulses at the outputs {:?}, counts reported {:?}", found.counted, report.counts);
+    let stack = Budget::of(Board::F405).stack;
     let told = [
         (report.outcome != "completed", format!("the job ended as `{}`", report.outcome)),
         (report.reversals == 0, "nothing was run backward".to_owned()),
         (found.counted != report.counts, "the outputs' pulses are not those reported".to_owned()),
         (found.lost_bytes > 0 || found.refused > 0, "bytes were lost, or pulses did not fit".to_owned()),
-        (depth > sections::STACK, format!("{} bytes are reserved for the stack", sections::STACK)),
+        (depth > stack, format!("{stack} bytes are reserved for the stack")),
     ];
     let wrong: Vec<String> = told.into_iter().filter_map(|(is_so, what)| is_so.then_some(what)).collect();
     if wrong.is_empty() { Ok(true) } else { Err(wrong.join(", ")) }
@@ -131,19 +137,19 @@ const SLOTS: u64 = 500;
 
 /// Report of the command on a job.
 #[derive(Debug, PartialEq, Eq)]
-struct Report {
-    outcome: String,
-    reversals: u64,
-    /// Final counts of X, Y, Z and the axis that the machine does not have.
-    counts: [i32; 4],
+pub(super) struct Report {
+    pub(super) outcome: String,
+    pub(super) reversals: u64,
+    /// Final counts of X, Y, Z and A.
+    pub(super) counts: [i32; 4],
 }
 
 /// Longest time that a job may take; it takes some 20 s on a busy computer.
 const LIMIT: Duration = Duration::from_secs(300);
 
 /// Runs a job and reads its report.
-fn job(command: &mut Command) -> Result<Report, String> {
-    command.args(["--machine", MACHINE, "--operator", OPERATOR, "--json"]);
+pub(super) fn job(command: &mut Command) -> Result<Report, String> {
+    command.arg("--json");
     let log = std::env::temp_dir().join(format!("retrace-xtask-firmware-{}", std::process::id()));
     let ended = process::run(command, LIMIT, &log)?;
     for extension in ["out", "err"] {
@@ -158,8 +164,10 @@ fn job(command: &mut Command) -> Result<Report, String> {
 fn report_in(line: &str) -> Option<Report> {
     let report: serde_json::Value = serde_json::from_str(line).ok()?;
     let mut counts = [0; 4];
-    for (count, axis) in counts.iter_mut().zip(["x", "y", "z"]) {
-        *count = i32::try_from(report["position_counts"][axis].as_i64()?).ok()?;
+    for (count, axis) in counts.iter_mut().zip(["x", "y", "z", "a"]) {
+        // an axis that the machine does not have is at 0
+        let position = &report["position_counts"][axis];
+        *count = if position.is_null() { 0 } else { i32::try_from(position.as_i64()?).ok()? };
     }
     Some(Report { outcome: report["outcome"].as_str()?.to_owned(), reversals: report["reversals"].as_u64()?, counts })
 }
@@ -175,6 +183,7 @@ mod tests {
         let report = Report { outcome: "completed".into(), reversals: 2, counts: [10, -20, 7, 0] };
         assert_eq!(report_in(line), Some(report));
         assert_eq!(report_in("{\"event\":\"switched\"}"), None);
+        assert_eq!(report_in(&line.replace("-20", "0.5")), None);
         assert_eq!(report_in("no JSON"), None);
     }
 }

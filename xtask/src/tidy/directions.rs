@@ -84,7 +84,7 @@ const ARROWS: &[Arrows] = &[
     Arrows { outside: false, ..arrows("tests/judge/Cargo.toml", &[]) },
     arrows("bench/Cargo.toml", &["task-support"]),
     arrows("verification/engines/Cargo.toml", &["task-support"]),
-    arrows("xtask/Cargo.toml", &["bench", "verify", "task-support"]),
+    arrows("xtask/Cargo.toml", &["bench", "hal-serial", "verify", "task-support"]),
     arrows("xtask/support/Cargo.toml", &[]),
 ];
 

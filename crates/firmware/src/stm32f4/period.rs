@@ -4,7 +4,8 @@
 
 /// Slots per second: steps begin and end on them, so an axis makes at most half as many steps per second.
 pub const SLOT_HZ: u32 = 100_000;
-/// Minimum control period, in microseconds: limited by the computing time of the chip (docs/firmware.md, *Figures*).
+/// Minimum control period, in microseconds: limited by the computing time of the chip (docs/firmware.md, *Figures of
+/// the STM32F4*).
 pub const MIN_PERIOD_US: u32 = if cfg!(feature = "f405") { 500 } else { 1000 };
 /// Maximum control period, in microseconds.
 pub const MAX_PERIOD_US: u32 = 20_000;

@@ -1,0 +1,104 @@
+// The card on an emulated Raspberry Pi Pico: its line is at standard input and output, 1 Mbaud in the chip's time. It
+// ends with its input, and writes what was seen at the pins to standard error, as one line of JSON.
+//
+// Standard output is a sequence of messages: a byte 0, a length of two bytes (low byte first) and so many bytes of the
+// card; or a byte 1 and the number of bytes that the card has received since the last one, in two bytes. The other side
+// keeps 256 bytes under way at most: a buffer between a host that is in real time and a slow card would only delay
+// acknowledgements.
+//
+// Invariant: a byte takes ten bits in either direction; between bytes nothing waits for this computer.
+//
+// Usage: node card.mjs IMAGE [EVENT PULSES]
+// EVENT happens in motion, once so many pulses were seen at the pins and the spindle is on: `cut` (the line is cut, in
+// both directions), `freeze` (the processor does nothing any more), `panic` (the firmware finds a defect of its own).
+// Half a second of the chip's time later, or with the reset by the watchdog, the run ends.
+import { writeSync } from 'node:fs';
+import { Board } from './board.mjs';
+import { Scope } from './scope.mjs';
+
+const [, , image, event, pulses] = process.argv;
+const BYTE = 1250;
+const SLICE = 12500;
+const AFTER_EVENT = 62_500_000;
+const SPINDLE = 14;
+const INPUTS = [16, 17, 18, 19, 20, 21, 27, 28];
+
+const board = new Board(image);
+const scope = new Scope(board);
+const uart = board.mcu.uart[0];
+// open contacts: the pull-ups hold them high
+for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
+
+const toCard = [];
+const fromCard = [];
+let [ended, cut, nextByte, received, happened] = [false, false, 0, 0, undefined];
+/** Cycles from the event until the spindle was off. */
+let spindleOff;
+uart.onByte = (byte) => !cut && fromCard.push(byte);
+process.stdin.on('data', (bytes) => bytes.forEach((byte) => toCard.push(byte)));
+process.stdin.on('end', () => (ended = true));
+
+const spindleIsOn = () => board.mcu.gpio[SPINDLE].value === 1;
+
+function happen() {
+  happened = { at: board.cycles, pulses: scope.pulses };
+  if (event === 'cut') cut = true;
+  if (event === 'freeze') board.frozen = true;
+  if (event === 'panic') board.mcu.core.PC = board.addressOf('rust_begin_unwind') & ~1;
+}
+
+function feed() {
+  if (toCard.length === 0 || board.cycles < nextByte || uart.rxFIFO.full) return;
+  const byte = toCard.shift();
+  nextByte = board.cycles + BYTE;
+  received++;
+  if (!cut) uart.feedByte(byte);
+}
+
+function send(kind, count, bytes) {
+  writeSync(1, Uint8Array.from([kind, count & 255, count >> 8, ...bytes]));
+}
+
+function slice() {
+  for (const end = board.cycles + SLICE; board.cycles < end; ) {
+    feed();
+    board.run(Math.min(end, board.cycles + BYTE / 2));
+    if (event && !happened && scope.pulses >= +pulses && spindleIsOn()) happen();
+    if (happened && !spindleIsOn()) spindleOff ??= board.cycles - happened.at;
+  }
+  if (fromCard.length > 0) send(0, fromCard.length, fromCard.splice(0));
+  if (received > 0) send(1, received, []);
+  received = 0;
+  const isOver = happened ? board.cycles - happened.at > AFTER_EVENT : ended;
+  if (isOver || board.watchdogAt !== undefined) return report();
+  setImmediate(slice);
+}
+
+function report() {
+  const { net, pulses, periods, wrong, late, worst } = scope;
+  const [mark, maxPeriod, maxInterrupt, inInterrupts, computed, latePeriods, lostBytes, refused, ...counted] = board.words(
+    'DIAGNOSTICS',
+    12,
+  );
+  const seconds = (performance.now() - began) / 1000;
+  const found = {
+    cycles: board.cycles, periods, pulses, net, wrong: wrong.length, wrong_first: wrong.slice(0, 3), late, worst,
+    mark, max_period: maxPeriod, max_interrupt: maxInterrupt, in_interrupts: inInterrupts, computed,
+    late_periods: latePeriods, lost_bytes: lostBytes, refused, counted: counted.map((count) => count | 0),
+    stack: board.stackDepth(), slower: +((125e6 * seconds) / board.cycles).toFixed(1),
+    event: happened && {
+      name: event,
+      steps_ended: Math.max(0, scope.lastEdge - happened.at),
+      pulses_after: scope.pulses - happened.pulses,
+      spindle_off: spindleOff ?? null,
+      watchdog: board.watchdogAt === undefined ? null : board.watchdogAt - happened.at,
+      high_pins: scope.highPins(),
+    },
+    watchdog_at: board.watchdogAt ?? null,
+  };
+  console.error(JSON.stringify(found));
+  process.exit(0);
+}
+
+const began = performance.now();
+slice();

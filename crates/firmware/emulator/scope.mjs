@@ -1,0 +1,115 @@
+// What the pins of the card do: pulses by control period, compared with the words that the firmware has put for it.
+//
+// Invariant: it sees levels and cycles alone; the words are decoded here, not by the firmware.
+
+const AXES = 4;
+const FIRST_STEP = 2;
+const FIRST_DIRECTION = 6;
+const GATE = 25;
+export const OUTPUTS = [10, 11, 12, 13, 14, 15, 22, 26];
+const FRAME_TICKS = 7;
+
+const none = () => Array(AXES).fill(0);
+
+export class Scope {
+  constructor(board) {
+    this.board = board;
+    this.direction = none();
+    this.net = none();
+    this.pulses = 0;
+    this.wrong = [];
+    this.late = { opening: 0, motion: 0, at: [] };
+    this.worst = { high: Infinity, low: Infinity, before: Infinity, behind: Infinity, most: 0 };
+    this.rose = none().fill(-Infinity);
+    this.fell = none().fill(-Infinity);
+    this.turned = none().fill(-Infinity);
+    this.lastEdge = 0;
+    /** Net pulses that were put for the period that is being filled. */
+    this.filling = none();
+    this.ordered = [];
+    this.periods = 0;
+    this.seen = undefined;
+    this.watchWords();
+    this.watchPins();
+  }
+
+  watchWords() {
+    const [steps, frame] = this.board.mcu.pio;
+    this.hook(steps, (axis, word) => {
+      const pulses = (word >>> 1) & 1023;
+      this.filling[axis] += word & 1 ? pulses : -pulses;
+    });
+    this.hook(frame, (machine, word) => {
+      const cycles = (word + FRAME_TICKS) * frame.machines[machine].clockDivInt;
+      this.ordered.push({ net: this.filling, cycles });
+      this.filling = none();
+    });
+  }
+
+  hook(pio, put) {
+    const write = pio.writeUint32.bind(pio);
+    pio.writeUint32 = (offset, value) => {
+      if (offset >= 0x10 && offset < 0x20) put((offset - 0x10) >> 2, value >>> 0);
+      write(offset, value);
+    };
+  }
+
+  watchPins() {
+    const { gpio } = this.board.mcu;
+    gpio[GATE].addListener(() => gpio[GATE].value === 1 && this.beginPeriod());
+    for (let axis = 0; axis < AXES; axis++) {
+      const [step, direction] = [gpio[FIRST_STEP + axis], gpio[FIRST_DIRECTION + axis]];
+      direction.addListener(() => this.turn(axis, direction.value === 1));
+      step.addListener(() => this.edge(axis, step.value === 1));
+    }
+  }
+
+  beginPeriod() {
+    const now = this.board.cycles;
+    const last = this.seen;
+    const order = this.ordered.shift();
+    if (last) {
+      if (last.net.some((net, axis) => net !== last.order.net[axis])) {
+        this.wrong.push({ period: this.periods, seen: last.net, ordered: last.order.net });
+      }
+      if (now - last.at > last.order.cycles) {
+        const moves = [...last.order.net, ...order.net].some((net) => net !== 0);
+        this.late[moves ? 'motion' : 'opening']++;
+        if (this.late.at.length < 20) this.late.at.push([this.periods, now - last.at - last.order.cycles, moves]);
+      }
+    }
+    this.periods++;
+    this.seen = { at: now, order, net: none(), count: none() };
+  }
+
+  turn(axis, high) {
+    this.direction[axis] = high ? 1 : -1;
+    this.turned[axis] = this.board.cycles;
+    this.worst.behind = Math.min(this.worst.behind, this.board.cycles - this.fell[axis]);
+  }
+
+  edge(axis, high) {
+    const now = this.board.cycles;
+    this.lastEdge = now;
+    if (high) {
+      const sign = this.direction[axis];
+      this.rose[axis] = now;
+      this.net[axis] += sign;
+      this.pulses++;
+      this.worst.low = Math.min(this.worst.low, now - this.fell[axis]);
+      this.worst.before = Math.min(this.worst.before, now - this.turned[axis]);
+      if (!this.seen) return;
+      this.seen.net[axis] += sign;
+      this.worst.most = Math.max(this.worst.most, ++this.seen.count[axis]);
+    } else if (this.rose[axis] > -Infinity) {
+      this.fell[axis] = now;
+      this.worst.high = Math.min(this.worst.high, now - this.rose[axis]);
+    }
+  }
+
+  /** Pins of outputs and steps that are driven high. */
+  highPins() {
+    const pins = [...OUTPUTS, ...none().map((_, axis) => FIRST_STEP + axis)];
+    return pins.filter((pin) => this.board.mcu.gpio[pin].value === 1);
+  }
+}

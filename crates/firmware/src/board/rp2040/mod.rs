@@ -1,0 +1,101 @@
+//! The board of a Raspberry Pi Pico: one file per peripheral.
+//!
+//! Invariant: each register is written by one context only, the main loop or one interrupt, after [`Board::start`].
+//! Steps are made without an interrupt.
+
+mod clock;
+mod encoder;
+mod ports;
+mod registers;
+mod serial;
+mod step_generator;
+mod watchdog;
+
+use retrace_firmware::AXES;
+use retrace_firmware::rp2040::IDENTITY;
+use retrace_firmware::step_batch::StepBatch;
+use retrace_link::{CardIdentity, Outputs};
+
+use super::{Board, stopwatch};
+use step_generator::StepGenerator;
+
+/// A Raspberry Pi Pico.
+pub(crate) struct Rp2040 {
+    steps: StepGenerator,
+}
+
+impl Board for Rp2040 {
+    const IDENTITY: CardIdentity = IDENTITY;
+
+    fn start() -> Self {
+        registers::use_vector_table_in_ram();
+        clock::start();
+        ports::start();
+        stopwatch::start();
+        let steps = StepGenerator::start();
+        watchdog::start();
+        encoder::start();
+        serial::start();
+        Self { steps }
+    }
+
+    fn set_all_low() {
+        StepGenerator::stop();
+        ports::set_all_low();
+        watchdog::stop();
+    }
+
+    fn count_start(&mut self) -> u32 {
+        // the count does not survive a loss of power; the ring oscillator's noise makes starts differ then
+        let noise = (0..32).fold(0, |bits, _| bits << 1 | registers::RANDOM_BIT.read() & 1);
+        watchdog::count_start() ^ noise
+    }
+
+    fn unique_number(&self) -> [u32; 3] {
+        [0; 3]
+    }
+
+    fn line_is_silent(&mut self) -> bool {
+        serial::is_silent()
+    }
+
+    fn receive(&mut self) -> Option<u8> {
+        serial::receive()
+    }
+
+    fn can_send(&mut self) -> bool {
+        serial::can_send()
+    }
+
+    fn send(&mut self, byte: u8) {
+        serial::send(byte);
+    }
+
+    fn can_put_steps(&mut self) -> bool {
+        self.steps.can_put()
+    }
+
+    fn put_steps(&mut self, batch: &StepBatch<AXES>) {
+        self.steps.put(batch);
+    }
+
+    fn input_levels(&self) -> u16 {
+        ports::input_levels()
+    }
+
+    fn encoder(&self) -> u16 {
+        encoder::count()
+    }
+
+    fn set_outputs(&mut self, outputs: &Outputs) {
+        ports::set_outputs(outputs);
+    }
+
+    fn cycles(&self) -> u32 {
+        stopwatch::now()
+    }
+
+    fn feed_watchdog(&mut self) {
+        watchdog::feed();
+    }
+}

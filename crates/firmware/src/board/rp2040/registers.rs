@@ -1,0 +1,237 @@
+//! The only unsafe code of this board: the peripherals' registers by name, the second stage of the boot, and the
+//! interrupts.
+//!
+//! Invariant: a [`Register`] is made here alone, from the address of an aligned 32-bit register of this chip (RP2040
+//! data sheet, the tables of registers); it is read and written volatile, and no write to one of them can break the
+//! safety of memory: none of them is of the DMA.
+#![allow(unsafe_code)]
+
+use core::arch::global_asm;
+use core::ptr::{with_exposed_provenance, with_exposed_provenance_mut};
+
+use crate::board::stopwatch;
+use crate::diagnostics::DIAGNOSTICS;
+
+/// The second stage of the boot: the boot ROM checks these 256 bytes and runs them; they set up the flash and jump to
+/// the vector table behind them.
+#[unsafe(link_section = ".boot2")]
+#[used]
+static BOOT_STAGE_2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
+
+// Nothing to do before the memory is initialized. It stands in flash, as `Reset` does: the code is not in RAM yet.
+global_asm!(".section .start, \"ax\"", ".global __pre_init", ".thumb_func", "__pre_init:", "bx lr");
+
+/// A peripheral's register.
+#[derive(Clone, Copy)]
+pub(super) struct Register(usize);
+
+impl Register {
+    /// Reads the register.
+    pub(super) fn read(self) -> u32 {
+        // SAFETY: the module's invariant.
+        unsafe { with_exposed_provenance::<u32>(self.0).read_volatile() }
+    }
+
+    /// Writes the register.
+    pub(super) fn write(self, value: u32) {
+        // SAFETY: the module's invariant.
+        unsafe { with_exposed_provenance_mut::<u32>(self.0).write_volatile(value) }
+    }
+
+    /// Sets these bits by the alias for it (data sheet, 2.1.2), which the processor's own registers do not have.
+    pub(super) fn set_bits(self, mask: u32) {
+        Self(self.0 + 0x2000).write(mask);
+    }
+
+    /// Clears these bits by the alias for it.
+    pub(super) fn clear_bits(self, mask: u32) {
+        Self(self.0 + 0x3000).write(mask);
+    }
+
+    /// Whether all of these bits are set.
+    pub(super) fn has(self, mask: u32) -> bool {
+        self.read() & mask == mask
+    }
+}
+
+macro_rules! registers {
+    ($($(#[$doc:meta])* $name:ident = $address:expr;)*) => {
+        $($(#[$doc])* pub(super) const $name: Register = Register($address);)*
+    };
+}
+
+const CLOCKS: usize = 0x4000_8000;
+const RESETS: usize = 0x4000_c000;
+const XOSC: usize = 0x4002_4000;
+const PLL_SYS: usize = 0x4002_8000;
+const UART0: usize = 0x4003_4000;
+const TIMER: usize = 0x4005_4000;
+const WATCHDOG: usize = 0x4005_8000;
+const SIO: usize = 0xd000_0000;
+
+registers! {
+    /// Clock of the watchdog and the crystal's side: control, and which source is selected (data sheet, 2.15.7).
+    CLOCK_REF_CONTROL = CLOCKS + 0x30;
+    CLOCK_REF_SELECTED = CLOCKS + 0x38;
+    /// Clock of the processor: control, and which source is selected.
+    CLOCK_SYS_CONTROL = CLOCKS + 0x3c;
+    CLOCK_SYS_SELECTED = CLOCKS + 0x44;
+    /// Clock of UART0: control.
+    CLOCK_PERIPHERAL_CONTROL = CLOCKS + 0x48;
+    /// Peripherals that are held in reset, and those that have come out of it (data sheet, 2.14.3).
+    RESET = RESETS;
+    RESET_DONE = RESETS + 0x8;
+    /// Parts of the chip that the watchdog resets (data sheet, 2.13.5).
+    POWER_WATCHDOG_SELECT = 0x4001_0008;
+    /// Crystal oscillator (data sheet, 2.16.7).
+    CRYSTAL_CONTROL = XOSC;
+    CRYSTAL_STATUS = XOSC + 0x4;
+    CRYSTAL_STARTUP = XOSC + 0xc;
+    /// A random bit of the ring oscillator (data sheet, 2.17.8).
+    RANDOM_BIT = 0x4006_001c;
+    /// PLL of the processor's clock (data sheet, 2.18.4).
+    PLL_STATUS = PLL_SYS;
+    PLL_POWER = PLL_SYS + 0x4;
+    PLL_FEEDBACK = PLL_SYS + 0x8;
+    PLL_DIVIDERS = PLL_SYS + 0xc;
+    /// UART0 (data sheet, 4.2.8).
+    UART_DATA = UART0;
+    UART_FLAGS = UART0 + 0x18;
+    UART_DIVISOR = UART0 + 0x24;
+    UART_FRACTION = UART0 + 0x28;
+    UART_LINE = UART0 + 0x2c;
+    UART_CONTROL = UART0 + 0x30;
+    UART_LEVELS = UART0 + 0x34;
+    UART_INTERRUPT_MASK = UART0 + 0x38;
+    UART_INTERRUPT_CLEAR = UART0 + 0x44;
+    /// Timer of microseconds: its first alarm (data sheet, 4.6.5).
+    TIMER_ALARM = TIMER + 0x10;
+    TIMER_NOW = TIMER + 0x28;
+    TIMER_INTERRUPT = TIMER + 0x34;
+    TIMER_INTERRUPT_ENABLE = TIMER + 0x38;
+    /// Watchdog (data sheet, 4.7.6).
+    WATCHDOG_CONTROL = WATCHDOG;
+    WATCHDOG_LOAD = WATCHDOG + 0x4;
+    WATCHDOG_SCRATCH = WATCHDOG + 0xc;
+    WATCHDOG_TICK = WATCHDOG + 0x2c;
+    /// The processor's own access to the pins (data sheet, 2.3.1.7).
+    PINS_IN = SIO + 0x4;
+    PINS_OUT = SIO + 0x10;
+    PINS_OUTPUT_ENABLE = SIO + 0x20;
+    /// Interrupts that are enabled, of the processor (ARMv6-M, B3.4).
+    INTERRUPT_ENABLE = 0xe000_e100;
+}
+
+/// Returns the register that selects a pin's function and overrides its level (data sheet, 2.19.6.1).
+pub(super) const fn pin_control(pin: u8) -> Register {
+    assert!(pin < 30);
+    Register(0x4001_4004 + 8 * pin as usize)
+}
+
+/// Returns the register of a pin's pull-up, pull-down and drive (data sheet, 2.19.6.3).
+pub(super) const fn pin_pad(pin: u8) -> Register {
+    assert!(pin < 30);
+    Register(0x4001_c004 + 4 * pin as usize)
+}
+
+/// One of the two blocks of four state machines (data sheet, 3.7).
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pio {
+    /// The steps of four axes.
+    Steps,
+    /// The frame.
+    Frame,
+}
+
+impl Pio {
+    const fn register(self, offset: usize) -> Register {
+        let base = match self {
+            Self::Steps => 0x5020_0000,
+            Self::Frame => 0x5030_0000,
+        };
+        Register(base + offset)
+    }
+
+    /// Enables machines (bits 0 … 3), and restarts them (4 … 7) and their clocks (8 … 11).
+    pub(super) const fn control(self) -> Register {
+        self.register(0)
+    }
+
+    /// State of the queues.
+    pub(super) const fn queue_status(self) -> Register {
+        self.register(0x4)
+    }
+
+    /// What the queues did not have or take.
+    pub(super) const fn queue_faults(self) -> Register {
+        self.register(0x8)
+    }
+
+    /// Queue to a machine.
+    pub(super) const fn queue(self, machine: usize) -> Register {
+        assert!(machine < 4);
+        self.register(0x10 + 4 * machine)
+    }
+
+    /// An instruction of the block's program.
+    pub(super) const fn instruction(self, at: usize) -> Register {
+        assert!(at < 32);
+        self.register(0x48 + 4 * at)
+    }
+
+    const fn machine(self, machine: usize, offset: usize) -> Register {
+        assert!(machine < 4);
+        self.register(0xc8 + 0x18 * machine + offset)
+    }
+
+    /// Divider of a machine's clock.
+    pub(super) const fn divider(self, machine: usize) -> Register {
+        self.machine(machine, 0)
+    }
+
+    /// Limits of a machine's program.
+    pub(super) const fn execution(self, machine: usize) -> Register {
+        self.machine(machine, 0x4)
+    }
+
+    /// How a machine shifts.
+    pub(super) const fn shifting(self, machine: usize) -> Register {
+        self.machine(machine, 0x8)
+    }
+
+    /// Address of the instruction that a machine executes.
+    pub(super) const fn address(self, machine: usize) -> Register {
+        self.machine(machine, 0xc)
+    }
+
+    /// An instruction to execute at once.
+    pub(super) const fn execute(self, machine: usize) -> Register {
+        self.machine(machine, 0x10)
+    }
+
+    /// Pins of a machine.
+    pub(super) const fn pins(self, machine: usize) -> Register {
+        self.machine(machine, 0x14)
+    }
+}
+
+/// Makes the processor take its interrupts from the vector table in RAM, which the start-up code has copied there.
+pub(super) fn use_vector_table_in_ram() {
+    unsafe extern "C" {
+        static __vector_table: u32;
+    }
+    // the address of the vector table (ARMv6-M, B3.2.5); only the address of the symbol is used
+    Register(0xe000_ed08).write((&raw const __vector_table).expose_provenance() as u32);
+}
+
+/// Handler of all interrupts, by their numbers (data sheet, 2.3.2). One that is not expected halts the firmware.
+#[cortex_m_rt::exception]
+unsafe fn DefaultHandler(interrupt: i16) {
+    let entered = stopwatch::now();
+    match interrupt {
+        0 => super::encoder::take_sample(),
+        20 => super::serial::take_received(),
+        _ => crate::halt(),
+    }
+    DIAGNOSTICS.record_interrupt(stopwatch::between(entered, stopwatch::now()));
+}

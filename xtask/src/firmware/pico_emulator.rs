@@ -1,0 +1,186 @@
+//! A Pico in rp2040js, with its line at a pseudo-terminal.
+//!
+//! Invariant: the emulator ends with the value that started it; every wait is bounded.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use retrace_hal_serial::Pty;
+use retrace_task_support::tools;
+
+use super::build::target_folder;
+
+/// The script that runs an image.
+const SCRIPT: &str = "crates/firmware/emulator/card.mjs";
+/// Installation of the emulator.
+const GET_RP2040JS: &str = "npm install --prefix target/emulator rp2040js@1.4.1 (docs/firmware.md)";
+/// Longest wait for the emulator's end.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Largest number of bytes on their way to the card.
+const UNDER_WAY: usize = 256;
+
+/// A running emulator.
+pub(super) struct PicoEmulator {
+    child: Child,
+    line: PathBuf,
+    errors: Option<JoinHandle<String>>,
+    bridge: Option<JoinHandle<()>>,
+    over: Arc<AtomicBool>,
+}
+
+/// The programs of the emulator: node, and the folder of rp2040js.
+///
+/// # Errors
+/// One of them is not installed; the text says how to install it.
+pub(super) fn can_emulate(root: &Path) -> Result<(PathBuf, PathBuf), String> {
+    let node = tools::on_path("node").ok_or("no node (Node.js 20 or later) on PATH")?;
+    let installed = |folder: PathBuf| folder.join("node_modules/rp2040js");
+    let named = tools::variable("RETRACE_RP2040JS").into_iter();
+    let usual = std::iter::once(installed(target_folder(root).join("emulator"))).chain(tools::toolbox().map(installed));
+    let found = named.chain(usual).find(|folder| folder.join("package.json").is_file());
+    Ok((node, found.ok_or_else(|| format!("no rp2040js: {GET_RP2040JS}"))?))
+}
+
+impl PicoEmulator {
+    /// Starts the image; `event` happens after so many pulses, as the script describes.
+    ///
+    /// # Errors
+    /// The emulator is not installed or does not start, or there is no pseudo-terminal.
+    pub(super) fn start(root: &Path, image: &Path, event: Option<(&str, u32)>) -> Result<Self, String> {
+        let (node, rp2040js) = can_emulate(root)?;
+        let mut command = Command::new(node);
+        command.arg(root.join(SCRIPT)).arg(image).env("RETRACE_RP2040JS", rp2040js);
+        if let Some((name, pulses)) = event {
+            command.args([name, &pulses.to_string()]);
+        }
+        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = piped.spawn().map_err(|error| format!("node cannot be started: {error}"))?;
+        let (Some(input), Some(output), Some(mut errors)) =
+            (child.stdin.take(), child.stdout.take(), child.stderr.take())
+        else {
+            return Err("node has no pipes".into());
+        };
+        let pty = Pty::open().map_err(|error| format!("no pseudo-terminal: {error}"))?;
+        let (line, over) = (pty.path().to_owned(), Arc::new(AtomicBool::new(false)));
+        let errors = std::thread::spawn(move || {
+            let mut text = String::new();
+            // what was read before a fault is all there is
+            let _ = errors.read_to_string(&mut text);
+            text
+        });
+        let (bytes, is_over) = (reader(output), Arc::clone(&over));
+        let bridge = std::thread::spawn(move || bridge(pty, input, &bytes, &is_over));
+        Ok(Self { child, line, errors: Some(errors), bridge: Some(bridge), over })
+    }
+
+    /// The terminal that is the card's serial line.
+    pub(super) fn line(&self) -> &Path {
+        &self.line
+    }
+
+    /// Ends the line, waits for the emulator, and returns what it has seen.
+    ///
+    /// # Errors
+    /// It does not end, or ends without a report.
+    pub(super) fn finish(mut self) -> Result<serde_json::Value, String> {
+        self.over.store(true, Relaxed);
+        let until = Instant::now() + PATIENCE;
+        while matches!(self.child.try_wait(), Ok(None)) {
+            if Instant::now() > until {
+                return Err("the emulator does not end".into());
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let text = self.errors.take().and_then(|errors| errors.join().ok()).unwrap_or_default();
+        let report = text.lines().next_back().and_then(|line| serde_json::from_str(line).ok());
+        report.ok_or_else(|| format!("the emulator has ended without a report: {text}"))
+    }
+}
+
+impl Drop for PicoEmulator {
+    fn drop(&mut self) {
+        self.over.store(true, Relaxed);
+        // it may have ended by itself
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if let Some(bridge) = self.bridge.take() {
+            let _ = bridge.join();
+        }
+    }
+}
+
+/// What the emulator says at its standard output.
+enum Message {
+    /// Bytes from the card.
+    Bytes(Vec<u8>),
+    /// So many bytes have arrived at the card.
+    Received(usize),
+}
+
+/// Reads messages in a thread of its own, since a pipe cannot be read without waiting.
+fn reader(mut from: impl Read + Send + 'static) -> Receiver<Message> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        while let Ok(message) = read_message(&mut from) {
+            if sender.send(message).is_err() {
+                break;
+            }
+        }
+    });
+    receiver
+}
+
+fn read_message(from: &mut impl Read) -> std::io::Result<Message> {
+    let mut head = [0; 3];
+    from.read_exact(&mut head)?;
+    let count = usize::from(u16::from_le_bytes([head[1], head[2]]));
+    if head[0] == 1 {
+        return Ok(Message::Received(count));
+    }
+    let mut bytes = vec![0; count];
+    from.read_exact(&mut bytes)?;
+    Ok(Message::Bytes(bytes))
+}
+
+/// Carries bytes between the pseudo-terminal and the emulator, until it is over or one of them has ended.
+fn bridge(mut pty: Pty, mut input: impl Write, from_card: &Receiver<Message>, over: &AtomicBool) {
+    let mut bytes = [0; UNDER_WAY];
+    let mut room = UNDER_WAY;
+    while !over.load(Relaxed) {
+        for message in from_card.try_iter() {
+            match message {
+                Message::Received(count) => room = (room + count).min(UNDER_WAY),
+                Message::Bytes(bytes) if pty.write(&bytes).is_err() => return,
+                Message::Bytes(_) => {}
+            }
+        }
+        if room == 0 {
+            std::thread::sleep(Duration::from_micros(200));
+            continue;
+        }
+        let Ok(count) = pty.read(&mut bytes[..room], Duration::from_millis(1)) else { break };
+        room -= count;
+        if count > 0 && input.write_all(&bytes[..count]).and_then(|()| input.flush()).is_err() {
+            break;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_are_read_and_what_is_cut_short_is_an_error() {
+        let mut stream = &[0, 2, 0, 7, 8, 1, 4, 1, 0, 9, 0, 1][..];
+        assert!(matches!(read_message(&mut stream), Ok(Message::Bytes(bytes)) if bytes == [7, 8]));
+        assert!(matches!(read_message(&mut stream), Ok(Message::Received(260))));
+        assert!(read_message(&mut stream).is_err());
+    }
+}
