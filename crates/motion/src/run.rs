@@ -56,6 +56,8 @@ pub(crate) struct PlanRun<const A: usize> {
     failures: usize,
     fallbacks: PlanFallbacks,
     refiner: refine::RunRefiner<A>,
+    /// Number of blocks whose plan is refined and remains.
+    refined: usize,
     mode: PlanMode,
 }
 
@@ -120,6 +122,7 @@ impl<const A: usize> PlanRun<A> {
             failures: 0,
             fallbacks: PlanFallbacks::default(),
             refiner: refine::RunRefiner::default(),
+            refined: 0,
             mode: PlanMode::default(),
         }
     }
@@ -162,7 +165,7 @@ impl<const A: usize> PlanRun<A> {
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(PieceJunction::STOP, emitter);
         self.replan(KinematicState::default(), true);
-        self.refine(f64::MAX, emitter);
+        self.refine_all(emitter);
         self.stop_on_a_period();
         self.commit_all(emitter);
         self.elapsed = 0.0;
@@ -214,7 +217,7 @@ impl<const A: usize> PlanRun<A> {
     pub(crate) fn finish_moving(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(PieceJunction { v: end.v, share: 0.0 }, emitter);
         let reached = self.replan(end, true) || self.approach(end, emitter);
-        self.refine(f64::MAX, emitter);
+        self.refine_all(emitter);
         if reached {
             self.commit_all(emitter);
         } else {
@@ -260,9 +263,12 @@ impl<const A: usize> PlanRun<A> {
             return true;
         }
         self.options.clear();
-        let (settled, gates) = (self.settled(), self.plan.len());
-        let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
-        let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
+        // What is refined remains.
+        let first = self.plan.iter().rposition(|span| span.profile.growth != 0.0).map_or(0, |last| last + 1);
+        let (settled, gates) = (self.settled().max(first), self.plan.len());
+        let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).map(|gate| first + gate);
+        let later = later.take_while(|&gate| gate < gates);
+        let tries = [settled, first].into_iter().take(if settled > first { 2 } else { 1 }).chain(later);
         let mut retained = None;
         for gate in tries {
             if self.plan_from_gate(gate, end) {
@@ -313,6 +319,7 @@ impl<const A: usize> PlanRun<A> {
     fn adopt_plan(&mut self, gate: usize) {
         let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
         self.plan.truncate(gate);
+        self.refined = self.refined.min(beyond);
         self.plan.extend(self.fresh.drain(..).map(|span| Span {
             first: span.first + beyond,
             last: span.last + beyond,
@@ -386,7 +393,7 @@ impl<const A: usize> PlanRun<A> {
         self.plan.clear();
         self.blocks.clear();
         self.numbers.clear();
-        (self.planned, self.v, self.a, self.length) = (0, 0.0, 0.0, 0.0);
+        (self.planned, self.v, self.a, self.length, self.refined) = (0, 0.0, 0.0, 0.0, 0);
     }
 
     /// Places of all junctions, mm from the start.
@@ -433,6 +440,7 @@ impl<const A: usize> PlanRun<A> {
         self.blocks[0].length = to - target;
         self.numbers.drain(..block);
         self.planned -= block;
+        self.refined = self.refined.saturating_sub(block);
         self.length -= target;
         (self.v, self.a) = (after.v0, after.a0);
     }

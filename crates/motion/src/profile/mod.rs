@@ -21,12 +21,14 @@
 //! ```
 
 mod fit;
+mod profile_cursor;
 mod profile_shape;
 mod search;
 mod solve;
 
 pub use fit::whole_periods;
 pub(crate) use fit::{lengthened, slowed};
+pub(crate) use profile_cursor::ProfileCursor;
 pub use search::{SearchOutcome, SearchStep, SearchTrack, SearchVariant, SpeedSearch};
 pub use solve::{fastest, fastest_any_way};
 use std::fmt;
@@ -204,6 +206,9 @@ impl Profile {
 
     /// Time at which place `s` is passed, by bisection: the place never decreases in a profile.
     pub(crate) fn time_at(&self, s: f64) -> f64 {
+        if self.growth != 0.0 {
+            return ProfileCursor::new(self).seek_place(s);
+        }
         let (mut low, mut high) = (0.0, self.duration());
         for _ in 0..52 {
             let middle = 0.5 * (low + high);
@@ -224,15 +229,6 @@ impl Profile {
         let KinematicState { v, a, .. } = self.at(t);
         (after.v0, after.a0) = (v, a);
         (before, after)
-    }
-
-    /// State at place `s`, which is in the profile.
-    pub(crate) fn at_place(&self, s: f64) -> KinematicState {
-        if self.growth != 0.0 {
-            let v = (self.v0 * self.v0 + s * (2.0 * self.a0 + s * self.growth)).max(0.0).sqrt();
-            return KinematicState { s, v, a: self.a0 + self.growth * s };
-        }
-        self.at(self.time_at(s))
     }
 
     /// Profile over `length` mm on which the square of the speed is the quadratic of the place with these coefficients

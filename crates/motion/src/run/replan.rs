@@ -158,7 +158,7 @@ impl<const A: usize> PlanRun<A> {
     /// Brings the run, which is planned to rest, into state `end` nevertheless, at lower feeds than programmed, which
     /// leave more acceleration along curves; false where that does not help either. So a glide that is possible at one
     /// feed override is hardly ever given up at another one.
-    pub(super) fn approach(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> bool {
+    pub(super) fn approach(&mut self, end: KinematicState, emitter: &Emitter<A>) -> bool {
         self.fallbacks.approaches += 1;
         let s = self.joints();
         let old: Vec<CommittedPlan<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
@@ -179,13 +179,8 @@ impl<const A: usize> PlanRun<A> {
             gates().find_map(|gate| self.search_from(gate, section, &old, factor, emitter))
         });
         self.factor = factor;
-        let Some(ReplanOutcome { retained_spans, from, layout, spans }) = found else { return false };
-        for old in &old[..retained_spans] {
-            emitter.commit(old.item);
-        }
-        self.adopt_layout(layout, from);
-        self.options.clear();
-        (self.plan, self.planned) = (spans, self.blocks.len());
+        let Some(ReplanOutcome { retained_spans, layout, spans, .. }) = found else { return false };
+        self.adopt_end(retained_spans, layout, spans);
         true
     }
 
@@ -230,10 +225,30 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
+    /// Replaces the plan behind its first `retained` spans, and the blocks under it.
+    fn adopt_end(&mut self, retained: usize, layout: ReplanLayout, spans: Vec<Span>) {
+        let first = self.plan[retained].first;
+        // The block before ends where it did.
+        let number = self.numbers[first];
+        self.blocks.truncate(first);
+        self.blocks.extend(layout.blocks);
+        self.numbers.truncate(first);
+        self.numbers.extend(layout.numbers);
+        self.numbers[first] = number;
+        self.plan.truncate(retained);
+        self.plan.extend(spans.into_iter().map(|span| Span {
+            first: span.first + first,
+            last: span.last + first,
+            ..span
+        }));
+        self.options.clear();
+        (self.planned, self.refined) = (self.blocks.len(), self.refined.min(first));
+    }
+
     /// Replaces the path that is not committed by `layout`, which begins in state `from`.
     fn adopt_layout(&mut self, layout: ReplanLayout, from: KinematicState) {
         (self.v, self.a) = (from.v, from.a);
-        self.length = layout.length;
+        (self.length, self.refined) = (layout.length, 0);
         (self.blocks, self.options, self.numbers) = (layout.blocks, layout.options, layout.numbers);
     }
 

@@ -9,52 +9,35 @@
 //! Invariant: the number of steps is fixed, so the result depends on path and start alone. Slacks are positive at the
 //! points where limits are evaluated; what lies between them is for the caller to check.
 
-use crate::speed_law::law_path::LawPath;
+use crate::curve::Derivatives;
+use crate::speed_law::law_path::LawWindow;
+use crate::speed_law::limit_rows::{LimitRows, REACH, relaxed};
 
-/// Steps with the first weight of the time, and then with an ever greater one.
-const STEPS: (usize, usize, usize) = (4, 24, 12);
+/// Fewest and most steps until all limits are kept, with the first weight of the time.
+const FIRST_STEPS: (usize, usize) = (3, 24);
+/// Steps that follow, with an ever greater weight. More of them leave a law that touches its limits; from a state of
+/// such a law the next window finds none.
+const STEPS: usize = 9;
+/// Part of a step beyond which the weight grows.
 const FAR: f64 = 0.5;
-/// First weight of the time, in rows per duration of the first law, and its growth from step to step.
-const WEIGHT: (f64, f64) = (2.0, 4.0);
-/// Largest part of the way to the nearest limit.
-const REACH: f64 = 0.95;
-/// Factor of what exceeds a limit at the start: the limit of that row until it is met.
-const RELAXED: f64 = 1.05;
-/// Share of a limit below which it need not be relaxed.
-const NEAR: f64 = 1.0 - 1e-9;
+/// First weight of the time, in limits per duration of the first law, and its growth from step to step.
+const WEIGHT: (f64, f64) = (1.0, 4.0);
 /// Share of each limit that is used at the points where it is evaluated.
-const USED: f64 = 0.996;
-
-/// A limit at a point: the sum of `by` times the three coefficients of the segment is at most `limit` either way, for a
-/// jerk over the speed at that point.
-#[derive(Clone, Copy, Debug)]
-struct LimitRow {
-    by: [f64; 3],
-    limit: f64,
-    /// The limit in force: above `limit` while the law exceeds that.
-    relaxed: f64,
-}
-
-/// A point of a segment at which limits are evaluated.
-#[derive(Clone, Copy, Debug)]
-struct LimitPoint {
-    segment: usize,
-    /// v² by the three coefficients.
-    speed: [f64; 3],
-    /// Number of the row behind its last one; acceleration and jerk in turn.
-    rows_end: usize,
-}
+const USED: f64 = 0.998;
 
 /// Solver; it retains its memory.
 #[derive(Debug, Default)]
 pub(crate) struct BarrierSolver {
-    points: Vec<LimitPoint>,
-    rows: Vec<LimitRow>,
+    rows: LimitRows,
     /// Weights of the coefficients before each knot: see [`BarrierSolver::bezier`].
     alpha: Vec<f64>,
     lengths: Vec<f64>,
     /// Accelerations at both ends.
     ends: [f64; 2],
+    /// Weight of the time.
+    weight: f64,
+    /// Largest share of a limit at the points of each segment.
+    pub(crate) shares: Vec<f64>,
     /// Coefficients, and greatest values of v² at the middle coefficient of each segment and at each knot.
     pub(crate) c: Vec<f64>,
     first: Vec<f64>,
@@ -69,7 +52,7 @@ pub(crate) struct BarrierSolver {
 
 impl BarrierSolver {
     /// Prepares the rows of `path` and starts from the law that has these speeds and accelerations at the knots.
-    pub(crate) fn prepare<const A: usize>(&mut self, path: &LawPath<A>, states: &[(f64, f64)]) {
+    pub(crate) fn prepare<const A: usize>(&mut self, path: LawWindow<'_, A>, states: &[(f64, f64)], used: &[f64]) {
         let n = path.segments.len();
         self.lengths.clear();
         self.lengths.extend(path.segments.iter().map(|segment| segment.length));
@@ -95,40 +78,38 @@ impl BarrierSolver {
         self.c.push(states[n].0 * states[n].0);
         self.caps.clear();
         let mut before = f64::MAX;
-        for segment in &path.segments {
+        for segment in path.segments {
             let at_end = segment.v.min(segment.exit_v);
             self.caps.push([segment.v * segment.v, before.min(segment.v).powi(2)]);
             before = at_end;
         }
+        // The speeds at both ends are given, and may be the highest allowed.
+        (self.caps[0], self.caps[n - 1][0]) = ([f64::MAX; 2], f64::MAX);
         self.first.clone_from(&self.c);
         self.used.clear();
-        self.used.resize(n, USED);
+        // Where a share is not known yet.
+        self.used.extend(used.iter().map(|&used| if used > 0.0 { used } else { USED }));
         self.lay_rows(path);
     }
 
-    fn lay_rows<const A: usize>(&mut self, path: &LawPath<A>) {
-        self.points.clear();
+    fn lay_rows<const A: usize>(&mut self, path: LawWindow<'_, A>) {
         self.rows.clear();
-        for i in 0..path.segments.len() {
+        let mut before: Option<Derivatives<A>> = None;
+        let n = path.segments.len();
+        for i in 0..n {
             let h = self.lengths[i];
-            let mut at = 0.0;
-            for part in path.parts_of(i) {
-                for place in [0.0, part.length] {
-                    let (speed, slope, bend) = self.functionals(i, ((at + place) / h).min(1.0));
-                    let d = part.curve.derivatives(place);
-                    for axis in 0..A {
-                        let (one, two, three) = (d.first[axis], d.second[axis], d.third[axis]);
-                        if one == 0.0 && two == 0.0 && three == 0.0 {
-                            continue;
-                        }
-                        let acceleration = std::array::from_fn(|k| two * speed[k] + 0.5 * one * slope[k]);
-                        let jerk =
-                            std::array::from_fn(|k| three * speed[k] + 1.5 * two * slope[k] + 0.5 * one * bend[k]);
-                        let row = |by, limit| LimitRow { by, limit, relaxed: f64::MAX };
-                        self.rows.extend([row(acceleration, part.a[axis]), row(jerk, part.j[axis])]);
-                    }
-                    self.points.push(LimitPoint { segment: i, speed, rows_end: self.rows.len() });
-                }
+            let (mut at, parts) = (0.0, path.parts_of(i));
+            self.rows.begin_segment(self.functionals(i, 0.0).2);
+            for (k, part) in parts.iter().enumerate() {
+                let ends = [0.0, part.length].map(|place| part.curve.derivatives(place));
+                let by = [0.0, part.length].map(|place| self.functionals(i, ((at + place) / h).min(1.0)));
+                // At both ends of the path the acceleration is given.
+                let is_first = i == 0 && k == 0;
+                let is_last = i + 1 == n && k + 1 == parts.len();
+                let is_limited = before.is_some_and(|before| continues(&before, &ends[0]));
+                let needed = [!is_first && !is_limited, !is_last];
+                self.rows.push(part, [&ends[0], &ends[1]], by.map(|by| by.0), by.map(|by| by.1), needed);
+                before = Some(ends[1]);
                 at += part.length;
             }
         }
@@ -162,7 +143,7 @@ impl BarrierSolver {
         [if i == 0 { first } else { at(i) }, if i + 1 == n { last } else { at(i + 1) }]
     }
 
-    /// Runs all steps; false where the law cannot be improved because it leaves no room.
+    /// Finds a law within all limits, from the first one; false where there is no room for one.
     pub(crate) fn solve(&mut self) -> bool {
         let n = self.lengths.len();
         if n < 4 {
@@ -170,25 +151,32 @@ impl BarrierSolver {
         }
         self.c.clone_from(&self.first);
         let time: f64 = (0..n).map(|i| duration(self.bezier(i), self.lengths[i])).sum();
-        let mut weight = WEIGHT.0 * (2 * self.rows.len() + 2 * n) as f64 / time;
-        for row in &mut self.rows {
-            row.relaxed = f64::MAX;
-        }
-        self.relaxed_caps.clear();
+        self.weight = WEIGHT.0 * (2 * self.rows.len() + 2 * n) as f64 / time;
         self.relaxed_caps.resize(n, [f64::MAX; 2]);
-        // Within all limits first.
-        let mut steps = 0;
-        while self.relax() > 0 || steps < STEPS.0 {
-            steps += 1;
-            if steps > STEPS.1 || self.step(weight).is_none() {
-                return false;
+        self.enter(FIRST_STEPS.0)
+    }
+
+    /// Makes the law faster that [`Self::solve`] has found; false where the system has lost its digits.
+    pub(crate) fn finish(&mut self) -> bool {
+        if !self.enter(0) {
+            return false;
+        }
+        for _ in 0..STEPS {
+            let Some(share) = self.step() else { return false };
+            if share > FAR {
+                self.weight *= WEIGHT.1;
             }
         }
-        for _ in 0..STEPS.2 {
-            self.relax();
-            let Some(share) = self.step(weight) else { return false };
-            if share > FAR {
-                weight *= WEIGHT.1;
+        true
+    }
+
+    /// Makes at least `fewest` steps until all limits are kept; false where too many do not suffice.
+    fn enter(&mut self, fewest: usize) -> bool {
+        let mut steps = 0;
+        while self.relax() > 0 || steps < fewest {
+            steps += 1;
+            if steps > FIRST_STEPS.1 || self.step().is_none() {
+                return false;
             }
         }
         true
@@ -196,16 +184,7 @@ impl BarrierSolver {
 
     /// Sets the limit in force of each row, and returns the number of those that are relaxed.
     fn relax(&mut self) -> usize {
-        let (mut first, mut count) = (0, 0);
-        for point in &self.points {
-            let c = &self.c[point.segment..point.segment + 3];
-            let v = dot(&point.speed, c).max(0.0).sqrt();
-            for (k, row) in self.rows[first..point.rows_end].iter_mut().enumerate() {
-                let value = dot(&row.by, c).abs() * if k % 2 == 0 { 1.0 } else { v };
-                row.relaxed = relaxed(self.used[point.segment] * row.limit, value, &mut count);
-            }
-            first = point.rows_end;
-        }
+        let mut count = self.rows.relax(&self.c, &self.used, &mut self.shares);
         for i in 0..self.lengths.len() {
             let [p0, p1, _] = self.bezier(i);
             let [cap, at_knot] = self.caps[i];
@@ -216,87 +195,44 @@ impl BarrierSolver {
 
     /// One step of Newton's method. Returns the part of it that the limits allow; `None` where the system has lost its
     /// digits.
-    fn step(&mut self, weight: f64) -> Option<f64> {
+    fn step(&mut self) -> Option<f64> {
         let n = self.lengths.len();
         self.gradient.clear();
         self.gradient.resize(n + 2, 0.0);
         self.hessian.clear();
         self.hessian.resize(n + 2, [0.0; 3]);
         for i in 0..n {
-            self.add_time(i, weight);
-            self.add_caps(i);
+            self.add_segment(i);
         }
-        let (mut first, points) = (0, std::mem::take(&mut self.points));
-        for point in &points {
-            let i = point.segment;
-            let c = [self.c[i], self.c[i + 1], self.c[i + 2]];
-            let b = dot(&point.speed, &c);
-            let per_v = b.sqrt().recip();
-            let (mut g, mut hess) = ([0.0; 3], [0.0; 6]);
-            for (k, row) in self.rows[first..point.rows_end].iter().enumerate() {
-                let value = dot(&row.by, &c);
-                let (limit, falling) =
-                    if k % 2 == 0 { (row.relaxed, 0.0) } else { (row.relaxed * per_v, 0.5 * row.relaxed * per_v / b) };
-                for sign in [1.0, -1.0] {
-                    let per_slack = (limit - sign * value).recip();
-                    let by: [f64; 3] =
-                        std::array::from_fn(|m| per_slack * (sign * row.by[m] + falling * point.speed[m]));
-                    add_square(&mut g, &mut hess, &by);
-                }
-            }
-            first = point.rows_end;
-            self.add(i, &g, &hess);
-        }
-        self.points = points;
+        self.rows.add(&self.c, &mut self.gradient, &mut self.hessian);
         self.solve_banded().then(|| self.advance())
     }
 
-    fn add(&mut self, i: usize, g: &[f64; 3], h: &[f64; 6]) {
-        for (sum, part) in self.gradient[i..].iter_mut().zip(g) {
-            *sum += part;
-        }
-        self.hessian[i][0] += h[0];
-        self.hessian[i][1] += h[1];
-        self.hessian[i][2] += h[2];
-        self.hessian[i + 1][0] += h[3];
-        self.hessian[i + 1][1] += h[4];
-        self.hessian[i + 2][0] += h[5];
-    }
-
-    fn add_time(&mut self, i: usize, weight: f64) {
-        let (p, q, h) = (self.alpha[i], self.alpha[i + 1], self.lengths[i]);
-        let bezier = self.bezier(i);
-        let (mut g, mut hess) = ([0.0; 3], [0.0; 6]);
-        for (share, [x, y, z]) in
-            [(1.0 / 6.0, [1.0, 0.0, 0.0]), (4.0 / 6.0, [0.25, 0.5, 0.25]), (1.0 / 6.0, [0.0, 0.0, 1.0])]
-        {
-            let b = (x * bezier[0] + y * bezier[1] + z * bezier[2]).max(1e-12);
-            let per_v = b.sqrt().recip();
-            let (one, two) = (-0.5 * weight * share * h * per_v / b, 0.75 * weight * share * h * per_v / (b * b));
-            let by = [x * p, x * (1.0 - p) + y + z * q, z * (1.0 - q)];
-            for (sum, part) in g.iter_mut().zip(by) {
-                *sum += one * part;
-            }
-            for (sum, part) in hess.iter_mut().zip(products(&by)) {
-                *sum += two * part;
-            }
-        }
-        self.add(i, &g, &hess);
-    }
-
-    fn add_caps(&mut self, i: usize) {
-        let [cap, at_knot] = self.relaxed_caps[i];
-        let p = self.alpha[i];
-        let c = [self.c[i], self.c[i + 1], self.c[i + 2]];
-        let (mut g, mut hess) = ([0.0; 3], [0.0; 6]);
-        for (cap, by) in [(cap, [0.0, 1.0, 0.0]), (at_knot, [p, 1.0 - p, 0.0])] {
-            let value = dot(&by, &c);
-            if cap < 1e12 {
-                let per_slack = (cap - value).recip();
-                add_square(&mut g, &mut hess, &by.map(|x| x * per_slack));
-            }
-        }
-        self.add(i, &g, &hess);
+    /// Adds the time over segment `i`, by Simpson's rule, and the barriers of its caps.
+    fn add_segment(&mut self, i: usize) {
+        let (p, q, h, weight) = (self.alpha[i], self.alpha[i + 1], self.lengths[i], self.weight);
+        let r = 1.0 - p;
+        let [c0, c1, c2] = [self.c[i], self.c[i + 1], self.c[i + 2]];
+        let before = if i == 0 { 0.0 } else { self.lengths[i - 1] };
+        let at_knot = p * c0 + r * c1;
+        let by = [0.25 * p, 0.75 - 0.25 * (p - q), 0.25 * (1.0 - q)];
+        let at_middle = by[0] * c0 + by[1] * c1 + by[2] * c2;
+        let (one, two) = of_time(at_knot, weight / 6.0 * (before + h));
+        let (cap_one, cap_two) = of_cap(self.relaxed_caps[i][1], at_knot);
+        let (knot_one, knot_two) = (one + cap_one, two + cap_two);
+        let (one, two) = of_time(at_middle, weight / 1.5 * h);
+        let (cap_one, cap_two) = of_cap(self.relaxed_caps[i][0], c1);
+        let gradient = &mut self.gradient[i..i + 3];
+        gradient[0] += knot_one * p + one * by[0];
+        gradient[1] += knot_one * r + one * by[1] + cap_one;
+        gradient[2] += one * by[2];
+        let [zero, next, last] = &mut self.hessian[i..i + 3] else { return };
+        zero[0] += knot_two * p * p + two * by[0] * by[0];
+        zero[1] += knot_two * p * r + two * by[0] * by[1];
+        zero[2] += two * by[0] * by[2];
+        next[0] += knot_two * r * r + two * by[1] * by[1] + cap_two;
+        next[1] += two * by[1] * by[2];
+        last[0] += two * by[2] * by[2];
     }
 
     /// Solves for the step, into `trial`: by Cholesky's method, in place. The two coefficients at each end are fixed.
@@ -306,41 +242,31 @@ impl BarrierSolver {
         let (h, x) = (&mut self.hessian, &mut self.trial);
         x.clear();
         x.extend(self.gradient.iter().map(|g| -g));
-        // h[i] holds the row i of the upper triangle; it becomes D and the unit factors.
+        // h[i] holds row i of the upper triangle; it becomes 1/D and the unit factors, and x the solution of the lower
+        // triangle.
+        let (mut before, mut two_before) = ([0.0; 4], [0.0; 4]);
         for i in from..to {
-            let [mut d, mut one, two] = h[i];
-            if i > from {
-                let [before, of, _] = h[i - 1];
-                d -= before * of * of;
-                // The row two before has its part in `of` already.
-                one -= before * of * h[i - 1][2];
-            }
-            if i > from + 1 {
-                let [before, _, of] = h[i - 2];
-                d -= before * of * of;
-            }
+            let [d, one, two] = h[i];
+            // D, both factors and x of the rows before.
+            let [d1, one1, two1, x1] = before;
+            let [d2, _, two2, x2] = two_before;
+            let of_before = d1 * one1;
+            let d = d - of_before * one1 - d2 * two2 * two2;
+            let one = one - of_before * two1;
             if d.is_nan() || d <= 0.0 {
                 return false;
             }
-            let (one, two) = (if i + 1 < to { one / d } else { 0.0 }, if i + 2 < to { two / d } else { 0.0 });
-            h[i] = [d, one, two];
+            let per_d = d.recip();
+            let (one, two) = (if i + 1 < to { one * per_d } else { 0.0 }, if i + 2 < to { two * per_d } else { 0.0 });
+            x[i] -= one1 * x1 + two2 * x2;
+            (two_before, before) = (before, [d, one, two, x[i]]);
+            h[i] = [per_d, one, two];
         }
-        for i in from..to {
-            if i > from {
-                x[i] -= h[i - 1][1] * x[i - 1];
-            }
-            if i > from + 1 {
-                x[i] -= h[i - 2][2] * x[i - 2];
-            }
-        }
+        let (mut x1, mut x2) = (0.0, 0.0);
         for i in (from..to).rev() {
-            x[i] /= h[i][0];
-            if i + 1 < to {
-                x[i] -= h[i][1] * x[i + 1];
-            }
-            if i + 2 < to {
-                x[i] -= h[i][2] * x[i + 2];
-            }
+            let [per_d, one, two] = h[i];
+            x[i] = x[i] * per_d - one * x1 - two * x2;
+            (x1, x2) = (x[i], x1);
         }
         for k in [0, 1, n - 2, n - 1] {
             x[k] = 0.0;
@@ -367,33 +293,7 @@ impl BarrierSolver {
                 }
             }
         }
-        let mut first = 0;
-        for point in &self.points {
-            let i = point.segment;
-            let c = [self.c[i], self.c[i + 1], self.c[i + 2]];
-            let change = [self.trial[i], self.trial[i + 1], self.trial[i + 2]];
-            let (b, b_change) = (dot(&point.speed, &c), dot(&point.speed, &change));
-            if b_change < 0.0 {
-                most = most.min(-REACH * b / b_change);
-            }
-            let per_v = b.sqrt().recip();
-            // A jerk over the speed falls at least as slowly as its tangent, as it is convex.
-            let falls = -0.5 * per_v * b_change / b;
-            for (k, row) in self.rows[first..point.rows_end].iter().enumerate() {
-                let (value, by) = (dot(&row.by, &c), dot(&row.by, &change));
-                let (limit, rises) =
-                    if k % 2 == 0 { (row.relaxed, 0.0) } else { (row.relaxed * per_v, row.relaxed * falls) };
-                let (slack, loses) = if by > 0.0 { (limit - value, by - rises) } else { (limit + value, -by - rises) };
-                if loses * most > REACH * slack {
-                    most = REACH * slack / loses;
-                }
-                let (slack, loses) = if by > 0.0 { (limit + value, -by - rises) } else { (limit - value, by - rises) };
-                if loses * most > REACH * slack {
-                    most = REACH * slack / loses;
-                }
-            }
-            first = point.rows_end;
-        }
+        most = self.rows.longest_step(&self.c, &self.trial, most);
         for (c, step) in self.c.iter_mut().zip(&self.trial) {
             *c += most * step;
         }
@@ -401,13 +301,25 @@ impl BarrierSolver {
     }
 }
 
-/// Limit in force where the limit is `limit` and the value is `value`; counts those that are relaxed.
-fn relaxed(limit: f64, value: f64, count: &mut usize) -> f64 {
-    if value < NEAR * limit {
-        return limit;
-    }
-    *count += 1;
-    limit.max(RELAXED * value)
+/// First and second derivative of the time by v² = `b`, times `weight`.
+#[inline(always)]
+fn of_time(b: f64, weight: f64) -> (f64, f64) {
+    let per_b = b.max(1e-12).recip();
+    let one = -0.5 * weight * per_b * per_b.sqrt();
+    (one, -1.5 * one * per_b)
+}
+
+/// First and second derivative of the barrier of a cap.
+#[inline(always)]
+fn of_cap(cap: f64, value: f64) -> (f64, f64) {
+    let per_slack = (cap - value).recip();
+    (per_slack, per_slack * per_slack)
+}
+
+/// Whether the path has the same curvature at both places: then one limit of the acceleration is enough.
+fn continues<const A: usize>(before: &Derivatives<A>, behind: &Derivatives<A>) -> bool {
+    let same = |x: &[f64; A], y: &[f64; A]| x.iter().zip(y).all(|(x, y)| (x - y).abs() <= 1e-9 * (1.0 + x.abs()));
+    same(&before.first, &behind.first) && same(&before.second, &behind.second)
 }
 
 fn bezier(c: &[f64], alpha: &[f64], i: usize) -> [f64; 3] {
@@ -419,25 +331,4 @@ fn bezier(c: &[f64], alpha: &[f64], i: usize) -> [f64; 3] {
 fn duration([x, y, z]: [f64; 3], h: f64) -> f64 {
     let at = |b: f64| b.max(1e-12).sqrt().recip();
     h / 6.0 * (at(x) + 4.0 * at(0.25 * (x + 2.0 * y + z)) + at(z))
-}
-
-#[inline]
-fn dot(a: &[f64; 3], c: &[f64]) -> f64 {
-    a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
-}
-
-#[inline]
-fn add_square(g: &mut [f64; 3], h: &mut [f64; 6], by: &[f64; 3]) {
-    for (sum, part) in g.iter_mut().zip(by) {
-        *sum += part;
-    }
-    for (sum, part) in h.iter_mut().zip(products(by)) {
-        *sum += part;
-    }
-}
-
-/// Upper triangle of the products of the components, row by row.
-#[inline]
-fn products([x, y, z]: &[f64; 3]) -> [f64; 6] {
-    [x * x, x * y, x * z, y * y, y * z, z * z]
 }

@@ -24,6 +24,8 @@ pub(crate) struct LawSegment {
     /// Highest speed in it, mm/s, and at its end.
     pub(crate) v: f64,
     pub(crate) exit_v: f64,
+    /// Whether it is straight.
+    pub(crate) is_line: bool,
     /// Number of the part behind its last one.
     pub(crate) parts_end: usize,
 }
@@ -42,9 +44,26 @@ impl<const A: usize> Default for LawPath<A> {
 }
 
 impl<const A: usize> LawPath<A> {
-    /// Parts of segment `i`.
+    /// The segments from number `first` up to before `last`.
+    pub(crate) fn window(&self, first: usize, last: usize) -> LawWindow<'_, A> {
+        let first_part = if first == 0 { 0 } else { self.segments[first - 1].parts_end };
+        LawWindow { segments: &self.segments[first..last], parts: &self.parts, first_part }
+    }
+}
+
+/// Consecutive segments of a path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LawWindow<'a, const A: usize> {
+    pub(crate) segments: &'a [LawSegment],
+    parts: &'a [LawPart<A>],
+    /// Number of the first part of the first segment.
+    first_part: usize,
+}
+
+impl<const A: usize> LawWindow<'_, A> {
+    /// Parts of segment `i` of the window.
     pub(crate) fn parts_of(&self, i: usize) -> &[LawPart<A>] {
-        let first = if i == 0 { 0 } else { self.segments[i - 1].parts_end };
+        let first = if i == 0 { self.first_part } else { self.segments[i - 1].parts_end };
         &self.parts[first..self.segments[i].parts_end]
     }
 }

@@ -5,7 +5,8 @@
 //! the path (Verscheure et al. 2009; Debrouwere et al. 2013).
 //!
 //! - `law_path`: the path, cut at knots;
-//! - `barrier`: the fastest law with limits at points;
+//! - `barrier`: the fastest law with limits at points, which are `limit_rows`;
+//! - `lanes`: two numbers that are calculated with together;
 //! - `axis_bound`: bounds on what a law uses between the points.
 //!
 //! Invariant: a law is returned only if all bounds of all axes are within the limits all along the path, and it takes
@@ -13,19 +14,28 @@
 
 mod axis_bound;
 mod barrier;
+mod lanes;
 pub(crate) mod law_path;
+mod limit_rows;
 
 use crate::profile::Profile;
 use crate::speed_law::axis_bound::{clipped, largest_shares};
 use crate::speed_law::barrier::BarrierSolver;
-use crate::speed_law::law_path::LawPath;
+use crate::speed_law::law_path::LawWindow;
 
 /// How often a law that exceeds a limit between the points is solved again.
 const ROUNDS: usize = 4;
 /// Margin below a share that was exceeded.
 const MARGIN: f64 = 0.998;
+/// Excess over a limit by which a bound may be above it: rounding.
+const ROUNDING: f64 = 1e-9;
+/// A segment leaves so many times as much of its limits as an early law uses more between the points than at them, …
+const EXCESS: f64 = 2.0;
+/// … and this much, but it may use at least so much.
+const EXCESS_MARGIN: f64 = 1e-3;
+const LEAST_USED: f64 = 0.9;
 /// A law must take less than this part of the time of the plan.
-const PAYS: f64 = 0.999;
+const PAYS: f64 = 1.0 - 1e-6;
 
 /// Refines speed laws; it retains its memory.
 #[derive(Debug, Default)]
@@ -36,41 +46,71 @@ pub(crate) struct SpeedLawRefiner {
 impl SpeedLawRefiner {
     /// The fastest law over `path` between the first and the last of `states`, speed and acceleration at each knot, as
     /// one profile for each segment; `None` where none is found that takes less than `seconds`.
+    ///
+    /// `used` holds the share of the limits that each segment may use at the points, 0 where that is not known; it is
+    /// updated where a law is found.
     pub(crate) fn refine<const A: usize>(
         &mut self,
-        path: &LawPath<A>,
+        path: LawWindow<'_, A>,
         states: &[(f64, f64)],
+        used: &mut [f64],
         seconds: f64,
     ) -> Option<Vec<Profile>> {
-        self.solver.prepare(path, states);
-        for _ in 0..ROUNDS {
-            if !self.solver.solve() {
+        self.solver.prepare(path, states, used);
+        for round in 0..ROUNDS {
+            let found = self.solver.solve() && {
+                if round == 0 {
+                    self.lower_by_excess(path, used);
+                }
+                self.solver.finish()
+            };
+            if !found {
                 return None;
             }
             if self.lower_used_shares(path) {
                 let law = self.profiles(path);
                 let time: f64 = law.iter().map(Profile::duration).sum();
-                return (time < PAYS * seconds).then_some(law);
+                if time >= PAYS * seconds {
+                    return None;
+                }
+                used.copy_from_slice(&self.solver.used);
+                return Some(law);
             }
         }
         None
     }
 
+    /// Lowers the shares of segments for which none is known by what the present law uses more between the points.
+    fn lower_by_excess<const A: usize>(&mut self, path: LawWindow<'_, A>, known: &[f64]) {
+        for (i, _) in known.iter().enumerate().filter(|(_, known)| **known == 0.0) {
+            let most = self.largest_share(path, i);
+            let excess = (most - self.solver.shares[i]).max(0.0);
+            let used = (1.0 - EXCESS_MARGIN - EXCESS * excess).max(LEAST_USED);
+            self.solver.used[i] = self.solver.used[i].min(used);
+        }
+    }
+
+    /// Bound of the largest share of a limit that the present law uses on segment `i`.
+    fn largest_share<const A: usize>(&self, path: LawWindow<'_, A>, i: usize) -> f64 {
+        let (b, h) = (self.solver.bezier(i), path.segments[i].length);
+        let (mut at, mut most) = (0.0, 0.0f64);
+        for part in path.parts_of(i) {
+            let (a, j) = largest_shares(part, clipped(b, at / h, (at + part.length) / h));
+            most = most.max(a).max(j);
+            at += part.length;
+        }
+        most
+    }
+
     /// Checks each segment; where a limit is exceeded, lowers the share of the limits that it may use. True where none
     /// is.
-    fn lower_used_shares<const A: usize>(&mut self, path: &LawPath<A>) -> bool {
+    fn lower_used_shares<const A: usize>(&mut self, path: LawWindow<'_, A>) -> bool {
         let mut legal = true;
         for (i, segment) in path.segments.iter().enumerate() {
-            let (b, h) = (self.solver.bezier(i), segment.length);
-            let (mut at, mut most) = (0.0, 0.0f64);
-            for part in path.parts_of(i) {
-                let (a, j) = largest_shares(part, clipped(b, at / h, (at + part.length) / h));
-                most = most.max(a).max(j);
-                at += part.length;
-            }
-            let fast = b.into_iter().fold(0.0, f64::max) > segment.v * segment.v * (1.0 + 1e-9)
-                || b[2] > segment.exit_v * segment.exit_v * (1.0 + 1e-9);
-            if most > 1.0 || fast {
+            let (b, most) = (self.solver.bezier(i), self.largest_share(path, i));
+            let fast = b.into_iter().fold(0.0, f64::max) > segment.v * segment.v * (1.0 + ROUNDING)
+                || b[2] > segment.exit_v * segment.exit_v * (1.0 + ROUNDING);
+            if most > 1.0 + ROUNDING || fast {
                 legal = false;
                 self.solver.used[i] *= MARGIN / most.max(1.0);
             }
@@ -79,7 +119,7 @@ impl SpeedLawRefiner {
     }
 
     /// The law as one profile for each segment.
-    fn profiles<const A: usize>(&self, path: &LawPath<A>) -> Vec<Profile> {
+    fn profiles<const A: usize>(&self, path: LawWindow<'_, A>) -> Vec<Profile> {
         path.segments
             .iter()
             .enumerate()
