@@ -7,13 +7,24 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 use retrace_core::Flags;
-use retrace_motion::{FeedRate, MAX_OVERRIDE, MachineLimits, PathMode, Planner};
+use retrace_motion::{FeedRate, MAX_OVERRIDE, MachineLimits, PathMode, PlanMode, Planner};
 
 /// Feeds `moves`, with at most `most` records taken out after each move; the override is changed before the records of
 /// these numbers.
 fn play_overridden(limits: MachineLimits<3>, moves: &[Move], most: usize, changes: &[(usize, f64)]) -> Run {
+    play_overridden_in(PlanMode::Fast, limits, moves, most, changes)
+}
+
+/// The same with a planner that plans in `plan_mode`.
+fn play_overridden_in(
+    plan_mode: PlanMode,
+    limits: MachineLimits<3>,
+    moves: &[Move],
+    most: usize,
+    changes: &[(usize, f64)],
+) -> Run {
     let mut changes = changes.iter().peekable();
-    let planner = Planner::new(limits, [0.0; 3]).expect("valid limits");
+    let planner = Planner::new(limits, [0.0; 3]).expect("valid limits").with_plan_mode(plan_mode);
     play_through(planner, moves, most, |planner, run| {
         while let Some((_, factor)) = changes.next_if(|(at, _)| *at <= run.records.len()) {
             assert_eq!(planner.set_feed_override(*factor), *factor);
@@ -64,12 +75,12 @@ proptest! {
 
     #[test]
     fn whatever_the_override_does_everything_is_kept(
-        steps in prop::collection::vec(step(), 1..40), mode in mode(), changes in changes(),
+        steps in prop::collection::vec(step(), 1..40), mode in mode(), plan_mode in plan_mode(), changes in changes(),
             most in prop_oneof![Just(usize::MAX), 0usize..40],
     ) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
-        let run = play_overridden(limits, &moves, most, &changes);
+        let run = play_overridden_in(plan_mode, limits, &moves, most, &changes);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
@@ -79,14 +90,14 @@ proptest! {
     /// An override of 100 % changes nothing, and neither does one that is cancelled before the first record.
     #[test]
     fn no_override_changes_nothing(
-        steps in prop::collection::vec(step(), 1..20), mode in mode(), at in prop::collection::vec(0usize..2000, 0..20),
+        steps in prop::collection::vec(step(), 1..20), mode in mode(), plan_mode in plan_mode(), at in prop::collection::vec(0usize..2000, 0..20),
     ) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
         let mut changes: Vec<_> = at.into_iter().map(|at| (at, 1.0)).collect();
         changes.sort_unstable_by_key(|change| change.0);
-        let plain = play(limits, &moves, usize::MAX);
-        prop_assert_eq!(&play_overridden(limits, &moves, usize::MAX, &changes), &plain);
+        let plain = play_in(plan_mode, limits, &moves, usize::MAX);
+        prop_assert_eq!(&play_overridden_in(plan_mode, limits, &moves, usize::MAX, &changes), &plain);
     }
 }
 

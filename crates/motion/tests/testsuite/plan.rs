@@ -32,10 +32,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn limits_ends_and_paths_are_kept(steps in prop::collection::vec(step(), 1..40), mode in mode()) {
+    fn limits_ends_and_paths_are_kept(steps in prop::collection::vec(step(), 1..40), mode in mode(), plan_mode in plan_mode()) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
-        let run = play(limits, &moves, usize::MAX);
+        let run = play_in(plan_mode, limits, &moves, usize::MAX);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
@@ -45,9 +45,9 @@ proptest! {
     /// Played faster by its cap, every record is within velocity, acceleration and jerk, measured over the records of a
     /// window.
     #[test]
-    fn rapid_retrace_caps_leave_the_limits_whole(steps in prop::collection::vec(step(), 1..20), mode in mode()) {
+    fn rapid_retrace_caps_leave_the_limits_whole(steps in prop::collection::vec(step(), 1..20), mode in mode(), plan_mode in plan_mode()) {
         let limits = MachineLimits::built_in();
-        let run = play(limits, &program(&steps, mode), usize::MAX);
+        let run = play_in(plan_mode, limits, &program(&steps, mode), usize::MAX);
         let cap = |records: &[Record<3>]| records.iter().map(|r| f64::from(r.cap.get()) / 16.0).fold(8.0, f64::min);
         for n in 3..run.points.len() {
             for i in 0..3 {
@@ -64,11 +64,11 @@ proptest! {
 
     #[test]
     fn records_do_not_depend_on_when_they_are_asked_for(
-        steps in prop::collection::vec(step(), 1..60), mode in mode(), most in 0usize..40,
+        steps in prop::collection::vec(step(), 1..60), mode in mode(), plan_mode in plan_mode(), most in 0usize..40,
     ) {
         let moves = program(&steps, mode);
         let limits = MachineLimits::built_in();
-        prop_assert_eq!(play(limits, &moves, usize::MAX), play(limits, &moves, most));
+        prop_assert_eq!(play_in(plan_mode, limits, &moves, usize::MAX), play_in(plan_mode, limits, &moves, most));
     }
 }
 
@@ -116,12 +116,12 @@ proptest! {
     /// Merging as the program requests it (G64 Q): within P whatever Q is.
     #[test]
     fn dense_chains_stay_within_the_tolerance_however_much_is_merged(
-        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64,
+        plan_mode in plan_mode(), seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64,
             merge in 0.0..0.1f64,
     ) {
         let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
         let limits = MachineLimits::built_in();
-        if let Err(broken) = check(&limits, &moves, &play(limits, &moves, usize::MAX), tolerance_mm, 4000) {
+        if let Err(broken) = check(&limits, &moves, &play_in(plan_mode, limits, &moves, usize::MAX), tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
     }
@@ -130,7 +130,7 @@ proptest! {
     /// ones.
     #[test]
     fn zigzags_stay_within_the_tolerance(
-        turns in prop::collection::vec((0.3..2.8f64, any::<bool>(), 1.0..20.0f64), 8), tolerance_mm in 0.005..0.1f64,
+        plan_mode in plan_mode(), turns in prop::collection::vec((0.3..2.8f64, any::<bool>(), 1.0..20.0f64), 8), tolerance_mm in 0.005..0.1f64,
     ) {
         let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
         let moves: Vec<Move> = turns
@@ -145,7 +145,7 @@ proptest! {
         // Set-points leave half of the pulse diagonal for the rounding to whole pulses.
         let rounding = 0.5e-3 * 3f64.sqrt();
         let left = if tolerance_mm - rounding > 0.1 * tolerance_mm { tolerance_mm - rounding } else { 0.0 };
-        let run = play(limits, &moves, usize::MAX);
+        let run = play_in(plan_mode, limits, &moves, usize::MAX);
         if let Err(broken) = check(&limits, &moves, &run, left, 3) {
             prop_assert!(false, "{}", broken);
         }
@@ -154,7 +154,7 @@ proptest! {
     /// Other machines: slow and fast, with different axes, long and short periods, coarse and fine pulses.
     #[test]
     fn any_machine_keeps_its_limits(
-        steps in prop::collection::vec(step(), 1..30), mode in mode(),
+        steps in prop::collection::vec(step(), 1..30), mode in mode(), plan_mode in plan_mode(),
         v in [0.5..2.5f64, 0.5..2.5f64, 0.5..2.5f64], a in [1.0..4.0f64, 1.0..4.0f64, 1.0..4.0f64],
         j in [2.0..6.0f64, 2.0..6.0f64, 2.0..6.0f64], ppm in 1.0..3.3f64, path in 0.7..3.0f64,
             period_s in 2e-4..4e-3f64,
@@ -173,7 +173,7 @@ proptest! {
         };
         prop_assume!(limits.validate().is_ok());
         let moves = program(&steps, mode);
-        let run = play(limits, &moves, usize::MAX);
+        let run = play_in(plan_mode, limits, &moves, usize::MAX);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
@@ -182,13 +182,13 @@ proptest! {
 
     /// Exact and blended moves in turn: the exact ones are exact.
     #[test]
-    fn exact_moves_stay_exact_among_blended_ones(steps in prop::collection::vec(step(), 2..60)) {
+    fn exact_moves_stay_exact_among_blended_ones(plan_mode in plan_mode(), steps in prop::collection::vec(step(), 2..60)) {
         let limits = MachineLimits::built_in();
         let mut moves = program(&steps, PathMode::blend(0.05));
         for k in (0..moves.len()).filter(|k| k % 7 > 3) {
             moves[k].mode = if k % 7 == 6 { PathMode::ExactStop } else { PathMode::ExactPath };
         }
-        let run = play(limits, &moves, usize::MAX);
+        let run = play_in(plan_mode, limits, &moves, usize::MAX);
         if let Err(broken) = check(&limits, &moves, &run, 0.05, 60) {
             prop_assert!(false, "{}", broken);
         }

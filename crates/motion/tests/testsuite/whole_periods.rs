@@ -6,7 +6,7 @@ use common::*;
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use retrace_core::Flags;
-use retrace_motion::{MachineLimits, PathMode, Planner};
+use retrace_motion::{MachineLimits, PathMode, PlanMode, Planner};
 
 /// How a run ends.
 #[derive(Clone, Copy, Debug)]
@@ -25,13 +25,14 @@ impl LastPart {
 }
 
 /// All stops but those whose last phase is shorter than a period: there speed and acceleration do not determine it.
-fn last_parts(moves: &[Move], max_blocks: Option<usize>) -> Vec<LastPart> {
+fn last_parts(plan_mode: PlanMode, moves: &[Move], max_blocks: Option<usize>) -> Vec<LastPart> {
     let limits = MachineLimits::built_in();
     let mut planner = match max_blocks {
         None => Planner::<3>::new(limits, [0.0; 3]),
         Some(blocks) => Planner::with_look_ahead(limits, [0.0; 3], blocks),
     }
-    .expect("valid limits");
+    .expect("valid limits")
+    .with_plan_mode(plan_mode);
     let (mut parts, mut before, mut since) = (Vec::new(), *planner.set_point(), 0);
     let mut pull = |planner: &mut Planner<3>| {
         while let Some(record) = planner.next_record() {
@@ -70,8 +71,8 @@ proptest! {
 
     /// Runs from rest to rest.
     #[test]
-    fn every_full_stop_ends_a_whole_period(steps in prop::collection::vec(step(), 1..30)) {
-        for part in last_parts(&program(&steps, PathMode::ExactStop), None) {
+    fn every_full_stop_ends_a_whole_period(steps in prop::collection::vec(step(), 1..30), plan_mode in plan_mode()) {
+        for part in last_parts(plan_mode, &program(&steps, PathMode::ExactStop), None) {
             prop_assert!(part.is_whole(), "{:?}", part);
         }
     }
@@ -85,8 +86,10 @@ fn most_stops_behind_committed_motion_end_a_whole_period() {
     for _ in 0..60 {
         let steps = prop::collection::vec(step(), 1..60).new_tree(&mut runner).expect("steps").current();
         for mode in [PathMode::ExactPath, PathMode::blend(0.05)] {
-            parts.extend(last_parts(&program(&steps, mode), Some(6)));
-            parts.extend(last_parts(&program(&steps, mode), None));
+            for plan_mode in [PlanMode::Fast, PlanMode::Best] {
+                parts.extend(last_parts(plan_mode, &program(&steps, mode), Some(6)));
+                parts.extend(last_parts(plan_mode, &program(&steps, mode), None));
+            }
         }
     }
     let whole = parts.iter().filter(|part| part.is_whole()).count();

@@ -11,6 +11,8 @@ use crate::speed_law::law_path::{LawPart, LawPath, LawSegment};
 
 /// Longest and shortest time between two knots, s.
 const SPACING: (f64, f64) = (2.5e-3, 1e-3);
+/// Two knots less than this apart, s, are too close together: the law bends hard between them for little.
+const CLOSE: f64 = 0.5e-3;
 /// A remainder of a piece or of a span that is shorter than this, mm, counts as zero.
 pub(super) const SLIVER: f64 = 1e-9;
 
@@ -37,7 +39,7 @@ pub(super) struct Knot {
 /// Adds a knot; of two that are too close together one that need not be there is left out.
 fn push_apart(knots: &mut Vec<Knot>, knot: Knot) {
     while let Some(last) = knots.last()
-        && knot.s - last.s < SHORTEST
+        && (knot.s - last.s < SHORTEST || knot.clock - last.clock < CLOSE)
     {
         if !knot.is_fixed {
             return;

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use retrace_core::{Flags, Record};
-use retrace_motion::{Arc, FeedRate, MachineLimits, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, MachineLimits, PathMode, PlanMode, Planner};
 
 /// One programmed move, absolute.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +39,17 @@ pub(crate) struct Run {
 /// Feeds `moves`, with at most `most` records taken out after each move.
 pub(crate) fn play(limits: MachineLimits<3>, moves: &[Move], most: usize) -> Run {
     play_on(Planner::new(limits, [0.0; 3]).expect("valid limits"), moves, most)
+}
+
+/// Feeds `moves` to a planner that plans in `plan_mode`.
+pub(crate) fn play_in(plan_mode: PlanMode, limits: MachineLimits<3>, moves: &[Move], most: usize) -> Run {
+    let planner = Planner::new(limits, [0.0; 3]).expect("valid limits").with_plan_mode(plan_mode);
+    play_on(planner, moves, most)
+}
+
+/// Both ways to plan.
+pub(crate) fn plan_mode() -> impl Strategy<Value = PlanMode> {
+    prop_oneof![Just(PlanMode::Fast), Just(PlanMode::Best)]
 }
 
 /// Feeds `moves` to a given planner.
