@@ -34,13 +34,15 @@ pub(crate) struct BarrierSolver {
     lengths: Vec<f64>,
     /// Accelerations at both ends.
     ends: [f64; 2],
-    /// Weight of the time.
+    /// Weight of the time, and the first one.
     weight: f64,
+    first_weight: f64,
     /// Largest share of a limit at the points of each segment.
     pub(crate) shares: Vec<f64>,
-    /// Coefficients, and greatest values of v² at the middle coefficient of each segment and at each knot.
+    /// Coefficients, and those of the law from which the steps go on.
     pub(crate) c: Vec<f64>,
     first: Vec<f64>,
+    /// Greatest values of v² at the middle coefficient of each segment and at each knot.
     caps: Vec<[f64; 2]>,
     relaxed_caps: Vec<[f64; 2]>,
     gradient: Vec<f64>,
@@ -151,9 +153,19 @@ impl BarrierSolver {
         }
         self.c.clone_from(&self.first);
         let time: f64 = (0..n).map(|i| duration(self.bezier(i), self.lengths[i])).sum();
-        self.weight = WEIGHT.0 * (2 * self.rows.len() + 2 * n) as f64 / time;
+        self.first_weight = WEIGHT.0 * (2 * self.rows.len() + 2 * n) as f64 / time;
+        self.weight = self.first_weight;
         self.relaxed_caps.resize(n, [f64::MAX; 2]);
-        self.enter(FIRST_STEPS.0)
+        let found = self.enter(FIRST_STEPS.0);
+        // From there on where the law is solved again.
+        self.first.clone_from(&self.c);
+        found
+    }
+
+    /// Returns to the law that [`Self::solve`] has found.
+    pub(crate) fn return_to_first(&mut self) {
+        self.c.clone_from(&self.first);
+        self.weight = self.first_weight;
     }
 
     /// Makes the law faster that [`Self::solve`] has found; false where the system has lost its digits.

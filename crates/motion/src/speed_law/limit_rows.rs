@@ -146,15 +146,17 @@ impl LimitRows {
             let to = [part.speed, part.slope, [by_bend[0], by_bend[1], by_bend[2]].map(Lanes::both)];
             let by = |x: Lanes, y: Lanes, z: Lanes, k: usize| x * to[0][k] + y * to[1][k] + z * to[2][k];
             let row = |k: usize| [by(h[0], h[1], h[2], k), by(h[1], h[3], h[4], k), by(h[2], h[4], h[5], k)];
-            let rows = [row(0), row(1), row(2)];
-            let entry = |j: usize, k: usize| by(rows[k][0], rows[k][1], rows[k][2], j).sum();
+            let entry = |[x, y, z]: [Lanes; 3], j: usize| by(x, y, z, j).sum();
             let [zero, one, two] = &mut hessian[i..i + 3] else { continue };
-            zero[0] += entry(0, 0);
-            zero[1] += entry(0, 1);
-            zero[2] += entry(0, 2);
-            one[0] += entry(1, 1);
-            one[1] += entry(1, 2);
-            two[0] += entry(2, 2);
+            let rows = row(0);
+            zero[0] += entry(rows, 0);
+            let rows = row(1);
+            zero[1] += entry(rows, 0);
+            one[0] += entry(rows, 1);
+            let rows = row(2);
+            zero[2] += entry(rows, 0);
+            one[1] += entry(rows, 1);
+            two[0] += entry(rows, 2);
             for (k, sum) in gradient[i..i + 3].iter_mut().enumerate() {
                 *sum += by(g[0], g[1], g[2], k).sum();
             }

@@ -57,14 +57,13 @@ impl SpeedLawRefiner {
         seconds: f64,
     ) -> Option<Vec<Profile>> {
         self.solver.prepare(path, states, used);
-        for round in 0..ROUNDS {
-            let found = self.solver.solve() && {
-                if round == 0 {
-                    self.lower_by_excess(path, used);
-                }
-                self.solver.finish()
-            };
-            if !found {
+        if !self.solver.solve() {
+            return None;
+        }
+        self.lower_by_excess(path, used);
+        for _ in 0..ROUNDS {
+            self.solver.return_to_first();
+            if !self.solver.finish() {
                 return None;
             }
             if self.lower_used_shares(path) {

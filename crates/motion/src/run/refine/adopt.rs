@@ -6,7 +6,7 @@ use super::RunRefiner;
 use super::knots::{Knot, SLIVER};
 use crate::emitter::Emitter;
 use crate::envelope::PathBlock;
-use crate::profile::Profile;
+use crate::profile::{PathLimits, Profile};
 use crate::run::PlanRun;
 use crate::span::Span;
 
@@ -25,8 +25,9 @@ impl<const A: usize> PlanRun<A> {
         drop_useless_knots(knots, law);
         let mut refined = RefinedPlan::default();
         self.copy_before(&knots[0], first, &mut refined);
+        let mut known = (u64::MAX, PathLimits { v: 0.0, a: 0.0, j: 0.0 });
         for pair in knots.windows(2) {
-            let Some((block, number)) = self.block_between(&pair[0], &pair[1], emitter) else { return };
+            let Some((block, number)) = self.block_between(&pair[0], &pair[1], &mut known, emitter) else { return };
             refined.blocks.push(block);
             refined.numbers.push(number);
         }
@@ -47,13 +48,23 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
-    /// Block between two knots, and its number.
-    fn block_between(&self, from: &Knot, to: &Knot, emitter: &Emitter<A>) -> Option<(PathBlock, u64)> {
+    /// Block between two knots, and its number. The limits of the piece that was looked at last are `known`.
+    fn block_between(
+        &self,
+        from: &Knot,
+        to: &Knot,
+        known: &mut (u64, PathLimits),
+        emitter: &Emitter<A>,
+    ) -> Option<(PathBlock, u64)> {
         let last = if to.on > SLIVER { to.piece } else { to.piece - 1 };
         let limits = (from.piece..=last)
-            .filter_map(|number| emitter.piece(number))
-            .map(|piece| piece.limit_options(&self.axes, self.factor).rough)
-            .reduce(|limits, rough| limits.tighter(rough))?;
+            .filter_map(|number| {
+                if known.0 != number {
+                    *known = (number, emitter.piece(number)?.limit_options(&self.axes, self.factor).rough);
+                }
+                Some(known.1)
+            })
+            .reduce(PathLimits::tighter)?;
         let at_border = to.on <= SLIVER;
         let exit_v = if at_border { emitter.piece(last).map_or(f64::MAX, |piece| piece.exit_v) } else { f64::MAX };
         let number = from.piece + u64::from(from.on > SLIVER && from.s > 0.0);

@@ -19,7 +19,7 @@ use crate::speed_law::law_path::LawPath;
 use knots::Knot;
 
 /// Length of a window, and how much of it the next window covers again, s of the plan.
-const WINDOW: f64 = 0.5;
+const WINDOW: f64 = 0.6;
 const OVERLAP: f64 = 0.2;
 /// Shortest segment, mm, but between two knots that have to be there: over a shorter one the acceleration loses digits.
 const SHORTEST: f64 = 1e-4;
