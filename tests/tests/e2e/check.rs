@@ -245,7 +245,8 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     // The same against a board that is not there: the built-in machine fits a Pico, and not an STM32F4.
     let pico = bench.retrace(["machine", "check", "m.toml", "--card", "pico"]);
     assert_eq!(pico.err.matches("error[E3008]: m.toml, pico: axis ").count(), 3, "{}", pico.err);
-    bench.retrace(["machine", "new", "-o", "built-in.toml"]);
+    let written = bench.retrace(["machine", "new", "-o", "built-in.toml"]);
+    assert_eq!(written.code, Some(0), "{}", written.err);
     for (board, code) in [("pico", 0), ("f405", 2)] {
         let result = bench.retrace(["machine", "check", "built-in.toml", "--card", board]);
         assert_eq!(result.code, Some(code), "{board}: {}", result.err);

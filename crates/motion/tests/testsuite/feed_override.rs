@@ -90,7 +90,8 @@ proptest! {
     /// An override of 100 % changes nothing, and neither does one that is cancelled before the first record.
     #[test]
     fn no_override_changes_nothing(
-        steps in prop::collection::vec(step(), 1..20), mode in mode(), plan_mode in plan_mode(), at in prop::collection::vec(0usize..2000, 0..20),
+        steps in prop::collection::vec(step(), 1..20), mode in mode(), plan_mode in plan_mode(),
+        at in prop::collection::vec(0usize..2000, 0..20),
     ) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);

@@ -32,7 +32,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn limits_ends_and_paths_are_kept(steps in prop::collection::vec(step(), 1..40), mode in mode(), plan_mode in plan_mode()) {
+    fn limits_ends_and_paths_are_kept(
+        steps in prop::collection::vec(step(), 1..40), mode in mode(), plan_mode in plan_mode(),
+    ) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
         let run = play_in(plan_mode, limits, &moves, usize::MAX);
@@ -45,7 +47,9 @@ proptest! {
     /// Played faster by its cap, every record is within velocity, acceleration and jerk, measured over the records of a
     /// window.
     #[test]
-    fn rapid_retrace_caps_leave_the_limits_whole(steps in prop::collection::vec(step(), 1..20), mode in mode(), plan_mode in plan_mode()) {
+    fn rapid_retrace_caps_leave_the_limits_whole(
+        steps in prop::collection::vec(step(), 1..20), mode in mode(), plan_mode in plan_mode(),
+    ) {
         let limits = MachineLimits::built_in();
         let run = play_in(plan_mode, limits, &program(&steps, mode), usize::MAX);
         let cap = |records: &[Record<3>]| records.iter().map(|r| f64::from(r.cap.get()) / 16.0).fold(8.0, f64::min);
@@ -116,12 +120,14 @@ proptest! {
     /// Merging as the program requests it (G64 Q): within P whatever Q is.
     #[test]
     fn dense_chains_stay_within_the_tolerance_however_much_is_merged(
-        plan_mode in plan_mode(), seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64,
+        plan_mode in plan_mode(), seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64,
+        tolerance_mm in 0.005..0.1f64,
             merge in 0.0..0.1f64,
     ) {
         let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
         let limits = MachineLimits::built_in();
-        if let Err(broken) = check(&limits, &moves, &play_in(plan_mode, limits, &moves, usize::MAX), tolerance_mm, 4000) {
+        let run = play_in(plan_mode, limits, &moves, usize::MAX);
+        if let Err(broken) = check(&limits, &moves, &run, tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
     }
@@ -130,7 +136,8 @@ proptest! {
     /// ones.
     #[test]
     fn zigzags_stay_within_the_tolerance(
-        plan_mode in plan_mode(), turns in prop::collection::vec((0.3..2.8f64, any::<bool>(), 1.0..20.0f64), 8), tolerance_mm in 0.005..0.1f64,
+        plan_mode in plan_mode(), turns in prop::collection::vec((0.3..2.8f64, any::<bool>(), 1.0..20.0f64), 8),
+        tolerance_mm in 0.005..0.1f64,
     ) {
         let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
         let moves: Vec<Move> = turns
@@ -182,7 +189,9 @@ proptest! {
 
     /// Exact and blended moves in turn: the exact ones are exact.
     #[test]
-    fn exact_moves_stay_exact_among_blended_ones(plan_mode in plan_mode(), steps in prop::collection::vec(step(), 2..60)) {
+    fn exact_moves_stay_exact_among_blended_ones(
+        plan_mode in plan_mode(), steps in prop::collection::vec(step(), 2..60),
+    ) {
         let limits = MachineLimits::built_in();
         let mut moves = program(&steps, PathMode::blend(0.05));
         for k in (0..moves.len()).filter(|k| k % 7 > 3) {
