@@ -230,7 +230,7 @@ impl Default for MachineFile {
             output: Vec::new(),
             tool_change: ToolChange::Automatic,
             on_lost_control: OnLostControl::Run,
-            plan: PlanMode::Fast,
+            plan: PlanMode::default(),
             axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),
             blending: BlendingSettings::default(),
             homing: HomingSection::default(),

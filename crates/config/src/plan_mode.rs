@@ -1,4 +1,4 @@
-//! How the speed along the path is planned: `plan = "best"` in the machine file, or `--plan best`.
+//! How the speed along the path is planned: `plan = "fast"` in the machine file, or `--plan fast`.
 //!
 //! Invariant: the path and the limits are the same in every mode.
 
@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum PlanMode {
     /// The plan of the look-ahead.
-    #[default]
     Fast,
     /// The plan of the look-ahead, made faster on curves, up to the limits of the axes. It takes longer to plan.
+    #[default]
     Best,
 }
 
@@ -52,8 +52,8 @@ mod tests {
     #[test]
     fn the_machine_file_chooses_the_mode() {
         let mode = |text: &str| MachineConfig::parse(text, "m.toml").map(|machine| machine.plan_mode);
-        assert_eq!(mode("name = \"m\"\n"), Ok(PlanMode::Fast));
-        assert_eq!(mode("plan = \"best\"\n"), Ok(PlanMode::Best));
+        assert_eq!(mode("name = \"m\"\n"), Ok(PlanMode::Best));
+        assert_eq!(mode("plan = \"fast\"\n"), Ok(PlanMode::Fast));
         assert!(mode("plan = \"good\"\n").is_err());
         assert_eq!(PlanMode::NAMES.map(str::parse), [Ok(PlanMode::Fast), Ok(PlanMode::Best)]);
     }

@@ -88,7 +88,7 @@ fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
     assert_refused(&result, "E2209");
 }
 
-/// A job that was planned with `--plan best` is resumed with the same plan, and takes less time than without it.
+/// A job that was planned with `--plan fast` is resumed with the same plan; the default takes less time.
 #[test]
 fn a_job_is_resumed_with_the_plan_that_it_began_with() {
     let bench = Bench::new();
@@ -102,29 +102,30 @@ fn a_job_is_resumed_with_the_plan_that_it_began_with() {
         assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
         (counts(&report(&run)), report(&run)["periods"].as_u64().expect("a number"))
     };
-    let ((fast_end, fast), (end, best)) = (periods(&[]), periods(&["--plan", "best"]));
+    let ((fast_end, fast), (end, best)) = (periods(&["--plan", "fast"]), periods(&[]));
     assert!(fast_end == end && 100 * best < 95 * fast, "{best} periods, {fast}");
-    bench.file("best.toml", "plan = \"best\"\n");
-    assert_eq!(periods(&["--machine", "best.toml"]), (end, best));
-    assert_eq!(periods(&["--machine", "best.toml", "--plan", "fast"]), (end, fast));
+    bench.file("fast.toml", "plan = \"fast\"\n");
+    assert_eq!(periods(&["--machine", "fast.toml"]), (end, fast));
+    assert_eq!(periods(&["--machine", "fast.toml", "--plan", "best"]), (end, best));
     // Killed on a served card, it is resumed as well.
     bench.file("patient.toml", PATIENT);
     let card = ServedCard::with(&["--speed", "5"]);
-    let served = ["run", "part.ngc", "--plan", "best", "--card", &card.port, "--machine", "patient.toml", "--json"];
+    let served = ["run", "part.ngc", "--plan", "fast", "--card", &card.port, "--machine", "patient.toml", "--json"];
     killed(&bench, &served, Stdio::null(), Duration::from_millis(300));
     let resumed = bench.retrace(["resume", "--yes", "--json"]);
     assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
     assert_eq!(counts(&report(&resumed)), end);
     let _ = card.end();
     bench.file("stop.op", "at 1s stop\n");
-    let run = bench.retrace(["run", "part.ngc", "--plan", "best", "--operator", "stop.op", "--json"]);
+    let run = bench.retrace(["run", "part.ngc", "--plan", "fast", "--operator", "stop.op", "--json"]);
     assert_eq!(run.code, Some(4), "{}{}", run.out, run.err);
     let resumed = bench.retrace(["resume", "--yes", "--json"]);
     assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
     assert_eq!(counts(&report(&resumed)), end);
     let begun =
         report(&run)["motion_s"].as_f64().expect("seconds") + report(&resumed)["motion_s"].as_f64().expect("seconds");
-    assert!(begun < 0.97e-3 * fast as f64, "{begun} s in two parts, {fast} periods in one");
+    let whole = 1e-3 * fast as f64;
+    assert!((whole..1.1 * whole).contains(&begun), "{begun} s in two parts, {fast} periods in one");
 }
 
 /// A stop does not wait for the end of a dwell; resumed, the job executes it whole.

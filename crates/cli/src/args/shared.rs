@@ -26,7 +26,7 @@ impl MachineFile {
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub struct Planning {
     /// How the speed along the path is planned: `fast`, or `best`, which takes longer to plan and saves machine time on
-    /// curves. The default is the key `plan` of the machine file, or `fast`.
+    /// curves. The default is the key `plan` of the machine file, or `best`.
     #[arg(long, value_name = "MODE",
         value_parser = PossibleValuesParser::new(PlanMode::NAMES).try_map(|name| name.parse::<PlanMode>()))]
     pub plan: Option<PlanMode>,
