@@ -6,6 +6,9 @@
 
 use retrace_link::{CardIdentity, PROTOCOL};
 
+/// Names of the boards.
+pub const NAMES: [&str; 4] = ["pico", "f401", "f405", "f411"];
+
 /// What the card on a board reports of itself; `None` for an unknown board.
 pub fn identity(name: &str) -> Option<CardIdentity> {
     let stm32f4 = |min_period_us| CardIdentity {

@@ -11,7 +11,7 @@ use retrace_config::{
     CodeClass, CodeSwitching, CutterConfig, CutterProof, CutterStart, InReverse, MachineCheck, MachineConfig,
     NumberedError, machine_file_schema,
 };
-use retrace_link::channel;
+use retrace_link::{CardIdentity, channel};
 use serde_json::json;
 
 use crate::command_failure::CommandFailure;
@@ -39,10 +39,17 @@ fn file(kind: Option<args::MachineKind>) -> &'static str {
 /// The file cannot be read or written, or the card does not answer.
 pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
     match args {
-        args::Machine::New { kind, of_kind, output } => {
-            write_or_print(file(kind.or(*of_kind)), output.as_deref())?;
+        args::Machine::New { kind, of_kind, board, output } => {
+            let template = file(kind.or(*of_kind));
+            let board = board.as_deref().and_then(|board| Some((board, known_boards::identity(board)?)));
+            let text = board.map_or(template.into(), |(board, identity)| with_board(template, board, &identity));
+            write_or_print(&text, output.as_deref())?;
+            if let Some((board, identity)) = board {
+                misfits_of_board(&text, board, &identity).into_iter().for_each(|it| print_finding("warning", it));
+            }
             if let Some(path) = output {
-                say!("check it with: retrace machine check {}", path.display());
+                let of_board = board.map_or(String::new(), |(board, _)| format!(" --card {board}"));
+                say!("check it with: retrace machine check {}{of_board}", path.display());
             }
         }
         args::Machine::Schema { output } => {
@@ -52,6 +59,34 @@ pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
         args::Machine::Check { file, card, json } => return check(file, card.as_deref(), *json),
     }
     Ok(0)
+}
+
+/// A template that begins with what a board has.
+fn with_board(template: &str, board: &str, identity: &CardIdentity) -> String {
+    let [least_ms, most_ms] = [identity.min_period_us, identity.max_period_us].map(|us| f64::from(us) / 1000.0);
+    format!(
+        "# Board: {board}. Its step outputs are the axes in the order of this file, at most {}, with up to {} pulses \
+         a second\n# each, and control periods of {least_ms} to {most_ms} ms. It has the outputs 0 to {} and the \
+         inputs 0 to {}.\n# Pins and wiring: docs/firmware.md\n{template}",
+        identity.axes,
+        identity.max_pulses_hz,
+        identity.outputs.saturating_sub(1),
+        identity.inputs.saturating_sub(1),
+    )
+}
+
+/// What of a machine file a board does not support.
+fn misfits_of_board(text: &str, board: &str, identity: &CardIdentity) -> Vec<NumberedError> {
+    let misfits = |machine: MachineConfig| linked_card::misfits(identity, &machine);
+    let all = MachineConfig::parse(text, board).map_or_else(|_| Vec::new(), misfits);
+    let warning = |what| NumberedError::new("W2122", format!("{board}: {what}"), "change the file before it is used");
+    all.into_iter().map(warning).collect()
+}
+
+/// Prints an error or a warning.
+fn print_finding(kind: &str, finding: NumberedError) {
+    let NumberedError { number, cause: what, remedy } = finding;
+    eprintln!("{}", escape::name(&format!("{kind}[{number}]: {what}; help: {remedy}")));
 }
 
 /// Writes a new file, or prints the text if no file is named.
@@ -107,13 +142,9 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailu
         }));
         return Ok(code);
     }
-    let line = |kind: &str, finding: NumberedError| {
-        let NumberedError { number, cause: what, remedy } = finding;
-        eprintln!("{}", escape::name(&format!("{kind}[{number}]: {what}; help: {remedy}")));
-    };
     let found = [(errors.len(), "error"), (warnings.len(), "warning")];
-    errors.drain(..).for_each(|error| line("error", error));
-    warnings.drain(..).for_each(|warning| line("warning", warning));
+    errors.drain(..).for_each(|error| print_finding("error", error));
+    warnings.drain(..).for_each(|warning| print_finding("warning", warning));
     if let Some(machine) = &machine {
         crate::out::line(described(machine));
     }
@@ -328,6 +359,25 @@ mod tests {
             }
             MachineConfig::parse(&all, "all").expect("valid");
         }
+    }
+
+    /// A template fits a Pico as it is, and a board that has less is told by its figures.
+    #[test]
+    fn a_template_for_a_board_names_what_the_board_lacks() {
+        let pico = known_boards::identity("pico").expect("known");
+        let small = CardIdentity { outputs: 2, max_pulses_hz: 20_000, ..pico };
+        for kind in KINDS.map(Some).into_iter().chain([None]) {
+            let text = with_board(file(kind), "pico", &pico);
+            assert!(text.starts_with("# Board: pico. ") && text.contains("inputs 0 to 5"), "{text}");
+            assert_eq!(misfits_of_board(&text, "pico", &pico), [], "{kind:?}");
+            let misfits = misfits_of_board(&text, "small", &small);
+            assert!(misfits.iter().any(|it| it.cause.contains("the card supports 20000")), "{kind:?}: {misfits:?}");
+        }
+        let waterjet = misfits_of_board(file(Some(MachineKind::Waterjet)), "small", &small);
+        assert!(
+            waterjet.iter().any(|it| it.number == "W2122" && it.cause.contains("the card has 2 outputs")),
+            "{waterjet:?}"
+        );
     }
 
     #[test]

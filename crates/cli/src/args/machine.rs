@@ -2,14 +2,18 @@
 
 use std::path::PathBuf;
 
+use clap::builder::PossibleValuesParser;
 use clap::{Subcommand, ValueEnum};
+
+use crate::known_boards;
 
 /// `retrace machine`
 #[derive(Debug, Subcommand)]
 pub enum Machine {
     /// Write a commented machine file: the built-in machine with every key, or a template for a kind of machine.
     #[command(
-        after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml"
+        after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml\n\
+            \x20 retrace machine new plasma --board pico -o plasma.toml"
     )]
     New {
         /// Kind of machine: waterjet, plasma, laser, router or lathe; by default the built-in machine.
@@ -18,6 +22,9 @@ pub enum Machine {
         /// Kind of machine, as an option.
         #[arg(long = "kind", value_enum, value_name = "KIND", conflicts_with = "kind")]
         of_kind: Option<MachineKind>,
+        /// Board that the card runs on: the file begins with what it has, and what does not fit it is told.
+        #[arg(long, value_name = "BOARD", value_parser = PossibleValuesParser::new(known_boards::NAMES))]
+        board: Option<String>,
         /// File to write, standard output by default. An existing file is not overwritten.
         #[arg(short, long, value_name = "FILE.toml")]
         output: Option<PathBuf>,

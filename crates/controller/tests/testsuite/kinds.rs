@@ -109,8 +109,8 @@ fn a_waterjet_pierces_cuts_and_lifts() {
     let (end, seen) = completed(WATERJET, program, &[]);
     assert_eq!(end.stats.switching, 1500 + 300 + 200);
     let jet = seen.periods.iter().filter(|(_, outputs)| outputs[3] == 1).count();
-    let abrasive = seen.periods.iter().filter(|(_, outputs)| outputs[4] == 1).count();
-    assert!(abrasive > 1000 && jet > 1500 && seen.periods.last().is_some_and(|(_, last)| last[3] == 0 && last[4] == 0));
+    let abrasive = seen.periods.iter().filter(|(_, outputs)| outputs[2] == 1).count();
+    assert!(abrasive > 1000 && jet > 1500 && seen.periods.last().is_some_and(|(_, last)| last[3] == 0 && last[2] == 0));
     assert_eq!(end.card.status().counts, [4_000, 8_000, 48_000, 0]);
 }
 
