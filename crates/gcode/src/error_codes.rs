@@ -322,7 +322,7 @@ retrace_cycles::error_codes! {
         "A spline needs at least as many points as its order, its start counted with them."
         "Give more points, or a lower order with L.";
     ProbeNowhere "E1719" "probing move without length"
-        "The probing move ends where it begins."
+        "The probing move must trip the probe (G38.2, G38.4), and ends where it begins."
         "Give an end that is farther away.";
     BadToolOrientation "E1720" "tool orientation out of range"
         "The orientation of a lathe tool is a number from 0 to 9."

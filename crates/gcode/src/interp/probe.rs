@@ -1,6 +1,7 @@
 //! Probing: G38.2 to G38.5.
 //!
-//! Invariant: a probing move has a length above zero. Without a machine, the assumed result is that of LinuxCNC's
+//! Invariant: a probing move whose probe must trip has a length above zero; G38.3 and G38.5 without one ask for the
+//! probe's state. Without a machine, the assumed result is that of LinuxCNC's
 //! stand-alone interpreter: the end was reached without contact, and the tool retracted by a hundredth of an inch.
 
 use super::interpreter_core::{Core, Emitter};
@@ -20,11 +21,12 @@ impl Core {
             return fault(ErrorCode::ZeroFeed, at, "probing needs a feed rate, and none is set");
         }
         let (start, end) = (self.state.position, self.end_of(words));
-        if start == end && self.state.has_probed {
+        let has_no_way = start == end && probing.must_trip;
+        if has_no_way && self.state.has_probed {
             // The tool position is an assumed result; with the machine's own result, the move has a length.
             return Ok(());
         }
-        if start == end {
+        if has_no_way {
             return fault(ErrorCode::ProbeNowhere, at, ErrorCode::ProbeNowhere.title());
         }
         emit.call(Canon::TurnProbeOn);

@@ -349,6 +349,10 @@ fn probing_without_a_way_is_a_fault_only_before_the_first_answer() {
     let errors = |text: &str| {
         retrace_gcode::check(text.as_bytes(), Setup::default()).iter().map(|f| f.number()).collect::<Vec<_>>()
     };
-    assert_eq!(errors("F10\nG0 X1\nG38.2 X1\nM2\n"), ["E1719"]);
+    for code in ["G38.2", "G38.4"] {
+        assert_eq!(errors(&format!("F10\nG0 X1\n{code} X1\nM2\n")), ["E1719"], "{code}");
+    }
+    // They ask for the state of the probe, and get it at once.
+    assert_eq!(errors("F10\nG0 X1\nG38.3 X1\nG38.5 X1\nM2\n"), [""; 0]);
     assert_eq!(errors("F10\nG38.2 X1\nG38.2 X#5420\nM2\n"), [""; 0]);
 }
