@@ -17,7 +17,7 @@ use retrace_controller::{
     RunMode, ScriptPlayer, Telemetry, command_channel, run_job,
 };
 use retrace_core::mode::Mode;
-use retrace_core::{Distance, Place, Rate, RecordIndex};
+use retrace_core::{Distance, Place, Rate, RateTarget, RecordIndex};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
 use retrace_journal::{HoldReason, JournalConfig};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
@@ -36,9 +36,9 @@ struct Turned {
     orders: CommandSender,
     moments: VecDeque<Moment>,
     /// The rate that was requested from the card last.
-    asked: Rate,
+    asked: RateTarget,
     /// The requested rate in each period, from the first on.
-    log: Vec<Rate>,
+    log: Vec<RateTarget>,
     /// Counts that the card has reported.
     told: i64,
 }
@@ -60,7 +60,7 @@ impl MotionCard<AXES> for Turned {
     }
 
     fn send(&mut self, word: HostCommand<AXES>) -> Result<(), CommandRefusal> {
-        let rate = if let HostCommand::Rate(target) = word { target.feed } else { self.asked };
+        let rate = if let HostCommand::Rate(target) = word { target } else { self.asked };
         self.card.send(word)?;
         self.asked = rate;
         Ok(())
@@ -108,7 +108,7 @@ struct Case {
     path: Path,
     moments: Vec<Moment>,
     log: Log,
-    asked: Vec<Rate>,
+    asked: Vec<RateTarget>,
 }
 
 /// Maxima over the cases.
@@ -143,7 +143,7 @@ fn run(seed: u64) -> Case {
     let (orders, heard) = command_channel();
     let mut waits = VecDeque::from(moments.clone());
     let first = waits.pop_front().unwrap_or_default();
-    let card = Turned { card, orders, moments: waits, asked: Rate::ZERO, log: Vec::new(), told: 0 };
+    let card = Turned { card, orders, moments: waits, asked: RateTarget::ZERO, log: Vec::new(), told: 0 };
     card.say(first);
     let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us)).with_operator(heard);
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
@@ -185,11 +185,15 @@ impl Case {
                 since = turn;
             }
             stood = last_mode != Mode::Run && stood || was_at_rest;
-            asked_for_rest = if self.asked[turn] == Rate::ZERO { asked_for_rest + 1 } else { 0 };
+            asked_for_rest = if self.asked[turn] == RateTarget::ZERO { asked_for_rest + 1 } else { 0 };
             if period.mode == Mode::Wheel {
                 let is_free = stood && period.hold_reason != HoldReason::Hold;
                 let mean = if is_free { self.mean(turn, since) } else { Rate::ZERO };
-                assert_eq!(self.asked[turn], mean, "in turn {turn}, at the wheel since {since}: {period:?}");
+                assert_eq!(
+                    self.asked[turn],
+                    RateTarget::both(mean),
+                    "in turn {turn}, at the wheel since {since}: {period:?}"
+                );
                 came.at_the_wheel += 1;
                 came.saturated += usize::from(mean.abs() == Rate::ONE);
                 if stood {
@@ -228,14 +232,15 @@ impl Case {
         assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
     }
 
-    /// Checks that the rate is never beyond what was requested in the time that a change takes, and not below it far
-    /// from the ends.
+    /// Checks that the rate is never beyond what was requested, for feed or for rapid motion, in the time that a change
+    /// takes, and not below it far from the ends.
     fn is_within_what_was_asked(&self, turn: usize) {
         let period = &self.log.periods[turn];
         let asked = &self.asked[(turn + 1).saturating_sub(ROUND)..=turn];
         // before the first turn nothing was requested
-        let low = asked.iter().copied().chain((turn < ROUND).then_some(Rate::ZERO)).min().unwrap_or(Rate::ZERO);
-        let high = asked.iter().copied().max().unwrap_or(Rate::ZERO);
+        let rates = || asked.iter().flat_map(|target| [target.feed, target.rapid]);
+        let low = rates().chain((turn < ROUND).then_some(Rate::ZERO)).min().unwrap_or(Rate::ZERO);
+        let high = rates().max().unwrap_or(Rate::ZERO);
         let rate = period.rate;
         assert!(
             (low.min(Rate::ZERO) - Rate::from_units(2)..=high.max(Rate::ZERO) + Rate::from_units(2)).contains(&rate),
