@@ -8,6 +8,7 @@ mod generate;
 mod legality;
 mod measured;
 mod motion;
+mod optimum;
 mod peers;
 mod pre9;
 mod programs;
@@ -44,6 +45,11 @@ pub const BENCHES: &[Bench] = &[
         purpose: "plans compared with optima, limits and LinuxCNC's planners, and the speed of planning; writes \
             docs/bench-motion.md",
         run: motion::run,
+    },
+    Bench {
+        name: "optimum",
+        purpose: "speed laws compared with the optimum on the same path; writes docs/bench-optimum.md",
+        run: optimum::run,
     },
 ];
 

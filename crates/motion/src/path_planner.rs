@@ -19,6 +19,7 @@ use crate::junction::{glide_is_faster, join};
 use crate::limits::{AxisLimits, MachineLimits};
 use crate::line_mark::LineMark;
 use crate::piece::{PathPiece, PieceJunction};
+use crate::planned_section::PlannedSection;
 use crate::profile::{KinematicState, fastest, stopping_distance};
 use crate::run::{PlanFallbacks, PlanMode, PlanRun, smallest};
 
@@ -115,6 +116,11 @@ impl<const A: usize> PathPlanner<A> {
     /// See [`crate::Planner::fallbacks`].
     pub(crate) fn fallbacks(&self) -> PlanFallbacks {
         self.run.fallbacks()
+    }
+
+    /// See [`crate::Planner::planned_sections`].
+    pub(crate) fn sections(&self) -> Vec<PlannedSection<A>> {
+        self.run.sections(&self.emitter)
     }
 
     /// Record of the next control period, if it is planned.

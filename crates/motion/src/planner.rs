@@ -17,6 +17,7 @@ use crate::line_mark::LineMark;
 use crate::merge::{LinearMove, Merger, merging};
 use crate::path_planner::PathPlanner;
 use crate::piece::RAPID;
+use crate::planned_section::PlannedSection;
 use crate::pulses::counts_of;
 use crate::run::{PlanFallbacks, PlanMode};
 
@@ -238,6 +239,14 @@ impl<const A: usize> Planner<A> {
     #[must_use]
     pub fn fallbacks(&self) -> PlanFallbacks {
         self.path.fallbacks()
+    }
+
+    /// Copies the committed plan that is not emitted, for measurements: its sections from stop to stop, or to a glide,
+    /// without the last one where the motion is not planned to its end. The first one begins where the last record
+    /// ends, or with the plan where none is emitted.
+    #[must_use]
+    pub fn planned_sections(&self) -> Vec<PlannedSection<A>> {
+        self.path.sections()
     }
 
     /// Unrounded set-point at the end of the last record.

@@ -13,6 +13,7 @@ use crate::envelope::PathBlock;
 use crate::limits::AxisLimits;
 use crate::lookahead::LookAhead;
 use crate::piece::{PathPiece, PieceJunction};
+use crate::planned_section::{self, PlannedSection};
 use crate::profile::{KinematicState, PathLimits, Profile, fastest, lengthened, slowed};
 use crate::rest_to_rest;
 use crate::span::Span;
@@ -130,6 +131,11 @@ impl<const A: usize> PlanRun<A> {
     /// Sets how much is calculated for a faster plan of what is not committed yet.
     pub(crate) fn set_mode(&mut self, mode: PlanMode) {
         self.mode = mode;
+    }
+
+    /// What is committed and not emitted.
+    pub(crate) fn sections(&self, emitter: &Emitter<A>) -> Vec<PlannedSection<A>> {
+        planned_section::sections(emitter, &self.axes, self.factor)
     }
 
     /// Number of fallbacks so far.

@@ -243,7 +243,7 @@ fn to_arc(point: [f64; 3], start: [f64; 3], arc: &Arc<3>) -> f64 {
 }
 
 /// A random path: lines and tangent arcs of 0.001 to 20 mm, turns of any size, in one of the path modes.
-fn random(seed: u64) -> TestPath {
+pub(crate) fn random(seed: u64) -> TestPath {
     let mut numbers = Numbers(1000 + seed);
     let (mut at, mut heading) = ([0.0f64; 3], 0.3f64);
     let mut ways = Vec::new();

@@ -5,7 +5,10 @@
 //! standard output, with fields separated by tabs, for the task that adds the rows of whole programs and writes the
 //! page.
 
+mod canon;
 mod corners;
+mod law_optimum;
+mod law_windows;
 mod legality;
 mod oracle;
 mod quality;
@@ -52,6 +55,7 @@ const ROWS: &[Group] = &[
     Group { names: &["Q3"], measure: corners::rows },
     Group { names: &["Q4"], measure: quality::windows },
     Group { names: &["Q7", "Q8", "Q9"], measure: legality::rows },
+    Group { names: &["Q10"], measure: law_windows::rows },
     Group { names: &["S1"], measure: solver::speed },
     Group { names: &["S2", "S3", "S4", "S5"], measure: speed::rows },
 ];

@@ -40,6 +40,11 @@ impl<const A: usize> Emitter<A> {
         (self.first_piece, -self.piece_start)
     }
 
+    /// What is committed and not emitted.
+    pub(crate) fn items(&self) -> &VecDeque<PlanItem<A>> {
+        &self.items
+    }
+
     /// Piece number `number`, unless it is passed.
     pub(crate) fn piece(&self, number: u64) -> Option<&PathPiece<A>> {
         self.pieces.get(usize::try_from(number.checked_sub(self.first_piece)?).ok()?)
