@@ -145,6 +145,11 @@ impl<const A: usize> Blender<A> {
         self.total - reached
     }
 
+    /// Forbids corrections nearer than `distance` to the end of the last segment, as far as they are not decided.
+    pub(crate) fn forbid_near_end(&mut self, distance: f64) {
+        self.close(self.total - distance);
+    }
+
     /// Removes the last `distance` of the last segment.
     pub(crate) fn shorten(&mut self, distance: f64) {
         if let Some((segment, ..)) = self.segments.back_mut() {

@@ -12,6 +12,7 @@
 //! up, or the start state allows no plan, there is none, and the caller continues its previous plan, which ends at
 //! rest.
 
+mod end_zones;
 mod gate_tuning;
 mod profile_walk;
 
@@ -109,13 +110,24 @@ impl LookAhead {
         end: KinematicState,
         out: &mut Vec<Span>,
     ) -> Result<(), PlanError> {
+        self.begin(blocks, (v0, a0), end);
+        self.connect_all(blocks, end)?;
+        self.improve(blocks, out);
+        Ok(())
+    }
+
+    /// Begins a search with the gate at the start.
+    fn begin(&mut self, blocks: &[PathBlock], (v0, a0): (f64, f64), end: KinematicState) {
         self.envelope.compute(blocks, v0, end.v);
         self.work = WORK.0 + WORK.1 * blocks.len();
         self.tries.clear();
         self.tries.resize(blocks.len() + 1, 0);
         self.gates.clear();
         self.gates.push(PlanGate { junction: 0, v: v0, a: a0, limits: UNLIMITED, profile: Profile::default() });
-        self.connect_all(blocks, end)?;
+    }
+
+    /// Tunes the plan over the gates and appends its spans to `out`.
+    fn improve(&mut self, blocks: &[PathBlock], out: &mut Vec<Span>) {
         // A raised gate needs no split, and a split makes gates that can be raised.
         self.tune(blocks);
         self.split_slow_spans(blocks);
@@ -125,7 +137,6 @@ impl LookAhead {
             last: g[1].junction,
             profile: g[1].profile,
         }));
-        Ok(())
     }
 
     /// Runs the stack pass over all proposals.

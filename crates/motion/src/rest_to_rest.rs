@@ -9,17 +9,28 @@ use crate::span::Span;
 
 /// Plans `blocks` from rest to rest and appends one span for each block to `out`.
 pub(crate) fn plan(blocks: &[PathBlock], out: &mut Vec<Span>) {
-    let spans_before = out.len();
-    if flowing(blocks, out).is_none() {
-        out.truncate(spans_before);
+    if !plan_between(blocks, 0.0, 0.0, out) {
         out.extend(blocks.iter().enumerate().map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) }));
     }
 }
 
-/// Plans each junction as fast as zero acceleration there allows; `None` where a profile lost its digits.
-fn flowing(blocks: &[PathBlock], out: &mut Vec<Span>) -> Option<()> {
+/// Plans `blocks` from speed `v0` to speed `v1` with zero acceleration at every junction and appends one span for each
+/// block to `out`; false, with nothing appended, where one of them is too fast.
+pub(crate) fn plan_between(blocks: &[PathBlock], v0: f64, v1: f64, out: &mut Vec<Span>) -> bool {
+    let spans_before = out.len();
+    let found = flowing(blocks, (v0, v1), out).is_some();
+    if !found {
+        out.truncate(spans_before);
+    }
+    found
+}
+
+/// Plans each junction as fast as zero acceleration there allows; `None` where an end is too fast or a profile lost its
+/// digits.
+fn flowing(blocks: &[PathBlock], (v0, v1): (f64, f64), out: &mut Vec<Span>) -> Option<()> {
     let n = blocks.len();
     let mut v = vec![0.0f64; n + 1];
+    (v[0], v[n]) = (v0, v1);
     for k in 1..n {
         v[k] = blocks[k - 1].exit_v.min(blocks[k - 1].limits.v).min(blocks[k].limits.v);
     }

@@ -4,8 +4,12 @@
 //! the rest of it. Only the number and length of the pieces, and the records after which the override is changed,
 //! decide when a part is committed. Where possible, a run that ends at rest takes whole periods (SMO-9).
 
+mod plan_mode;
+mod recovery;
 mod refine;
 mod replan;
+
+pub use plan_mode::{PlanFallbacks, PlanMode};
 
 use crate::accel_split::{LimitOptions, LimitSelector};
 use crate::emitter::{Emitter, PlanItem};
@@ -14,8 +18,7 @@ use crate::limits::AxisLimits;
 use crate::lookahead::LookAhead;
 use crate::piece::{PathPiece, PieceJunction};
 use crate::planned_section::{self, PlannedSection};
-use crate::profile::{KinematicState, PathLimits, Profile, fastest, lengthened, slowed};
-use crate::rest_to_rest;
+use crate::profile::{KinematicState, PathLimits, Profile, lengthened, slowed};
 use crate::span::Span;
 
 /// Path since the last stop, as far as it is not committed.
@@ -60,29 +63,6 @@ pub(crate) struct PlanRun<const A: usize> {
     /// Number of blocks whose plan is refined and remains.
     refined: usize,
     mode: PlanMode,
-}
-
-/// How the speed along the path is planned. The limits hold in any mode, and the path is the same.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PlanMode {
-    /// The plan of the look-ahead.
-    #[default]
-    Fast,
-    /// The plan of the look-ahead, and then the fastest speed law that the axes allow on curves.
-    Best,
-}
-
-/// How often the search for a plan failed and a slower plan was made instead. The plan is legal all the same, but time
-/// is lost that a better search would not lose.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PlanFallbacks {
-    /// Sections of path for which no plan was found from any state of the plan before them: the motion comes to rest
-    /// first.
-    pub no_plan: u64,
-    /// Those of them that begin in motion, behind a glide, and stop on their first block.
-    pub stops_in_first_block: u64,
-    /// Those of them that end in a glide, which is approached at a lower feed than programmed, or else is not made.
-    pub approaches: u64,
 }
 
 /// Number of blocks after which a run is planned and partly committed even if they are short.
@@ -243,8 +223,10 @@ impl<const A: usize> PlanRun<A> {
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
-        // The first block of a run that begins in motion does not change, so that it is long enough to stop in.
-        let grows = self.blocks.len() > 1 || self.v == 0.0;
+        // The first block of a run that begins in motion does not change, so that it is long enough to stop in; nor
+        // does the last block before a glide, which begins within its limits.
+        let glides = exit.v > 0.0 && exit.v < f64::MAX && exit.share == 0.0;
+        let grows = (self.blocks.len() > 1 || self.v == 0.0) && !glides;
         if let Some((block, last)) = self.blocks.last_mut().zip(self.options.last_mut())
             && grows
             && entry == PieceJunction::SMOOTH
@@ -258,33 +240,6 @@ impl<const A: usize> PlanRun<A> {
             self.options.push(offer);
             self.numbers.push(number);
         }
-    }
-
-    /// Plans all blocks to `end`: from the gate on that more path cannot change, otherwise from the current state.
-    /// Where that fails too, the current plan remains up to one of its next gates, and the path beyond is planned from
-    /// there; its last gate is at rest, and from rest there always is a plan to rest. Returns false where only that was
-    /// left and `end` is not at rest. The path continues behind the blocks unless it `ends`.
-    fn replan(&mut self, end: KinematicState, ends: bool) -> bool {
-        if !self.choose(ends) {
-            return true;
-        }
-        self.options.clear();
-        // What is refined remains.
-        let first = self.plan.iter().rposition(|span| span.profile.growth != 0.0).map_or(0, |last| last + 1);
-        let (settled, gates) = (self.settled().max(first), self.plan.len());
-        let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).map(|gate| first + gate);
-        let later = later.take_while(|&gate| gate < gates);
-        let tries = [settled, first].into_iter().take(if settled > first { 2 } else { 1 }).chain(later);
-        let mut retained = None;
-        for gate in tries {
-            if self.plan_from_gate(gate, end) {
-                retained = Some(gate);
-                break;
-            }
-        }
-        let reached = retained.is_some() || self.plan_from_rest(end);
-        self.adopt_plan(retained.unwrap_or(self.plan.len()));
-        reached
     }
 
     /// Plans all blocks to rest from the gate on that more path cannot change, or from a gate near it if that has
@@ -316,9 +271,14 @@ impl<const A: usize> PlanRun<A> {
 
     /// Plans all blocks behind gate `gate` of the current plan; false where no such plan exists.
     fn plan_from_gate(&mut self, gate: usize, end: KinematicState) -> bool {
-        let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
-        let (first, v, a) = state.unwrap_or((0, self.v, self.a));
-        self.plan_from(first, (v, a), end)
+        let (first, from) = self.state_at(gate);
+        self.plan_from(first, from, end)
+    }
+
+    /// First block behind gate `gate` of the current plan, and speed and acceleration there.
+    fn state_at(&self, gate: usize) -> (usize, (f64, f64)) {
+        let state = self.plan.get(gate).map(|span| (span.first, (span.profile.v0, span.profile.a0)));
+        state.unwrap_or((0, (self.v, self.a)))
     }
 
     /// Appends the fresh spans to the current plan behind gate `gate`.
@@ -332,38 +292,6 @@ impl<const A: usize> PlanRun<A> {
             ..span
         }));
         self.planned = self.blocks.len();
-    }
-
-    /// Plans the blocks behind the current plan, which ends at rest; false where that is to rest instead of `end`.
-    fn plan_from_rest(&mut self, end: KinematicState) -> bool {
-        self.fallbacks.no_plan += 1;
-        if self.planned == 0 && self.v > 0.0 {
-            self.fallbacks.stops_in_first_block += 1;
-            self.stop_in_first_block();
-        }
-        if self.plan_from(self.planned, (0.0, 0.0), end) {
-            return true;
-        }
-        if !self.plan_from(self.planned, (0.0, 0.0), KinematicState::default()) {
-            rest_to_rest::plan(&self.blocks[self.planned..], &mut self.fresh);
-        }
-        end == KinematicState::default()
-    }
-
-    /// Brings a run that begins in motion and finds no other plan to rest at the end of its first block, which is long
-    /// enough.
-    fn stop_in_first_block(&mut self) {
-        let PathBlock { length, limits, .. } = self.blocks[0];
-        let (from, rest) = (KinematicState::moving(self.v, self.a), KinematicState::default());
-        // Motion at rest does not need what a block leaves to a junction at its end; and slightly more than the feed is
-        // better than a jump.
-        let any_feed = PathLimits { v: f64::MAX, a: self.lead.a.max(self.a.abs()), ..self.lead };
-        let stop =
-            [limits, self.lead, any_feed].into_iter().find_map(|limits| fastest(from, rest, length, limits).ok());
-        if let Some(profile) = stop {
-            self.plan.push(Span { first: 0, last: 1, profile });
-            self.planned = 1;
-        }
     }
 
     /// The gate that more path cannot change: the last before the plan brakes to its end, and one more for the tuning

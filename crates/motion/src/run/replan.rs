@@ -285,7 +285,10 @@ impl<const A: usize> PlanRun<A> {
             }
             self.choice.choose(&mut layout.blocks, &layout.options, from.v, !section.open);
             let mut spans = Vec::new();
-            if self.look_ahead.plan(&layout.blocks, (from.v, from.a), section.end, &mut spans).is_ok() {
+            let (start, look_ahead) = ((from.v, from.a), &mut self.look_ahead);
+            if look_ahead.plan(&layout.blocks, start, section.end, &mut spans).is_ok()
+                || look_ahead.plan_over_zones(&layout.blocks, start, section.end, &mut spans).is_ok()
+            {
                 return Some(ReplanOutcome { retained_spans, from, layout, spans });
             }
         }

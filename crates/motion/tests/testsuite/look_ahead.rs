@@ -98,8 +98,7 @@ fn bezel([sharp, slight]: [f64; 2], [long, short]: [f64; 2], tolerance_mm: f64) 
     (0..12).map(edge).collect()
 }
 
-/// Where glides and roundings alternate, the motion hardly ever stops behind a glide because no plan is found, and a
-/// looser tolerance costs no time.
+/// Where glides and roundings alternate, a plan is found for every section, and a looser tolerance costs no time.
 #[test]
 fn a_looser_tolerance_is_no_slower_among_glides_and_roundings() {
     let (mut stops, mut programs) = (0, 0);
@@ -113,7 +112,7 @@ fn a_looser_tolerance_is_no_slower_among_glides_and_roundings() {
                         let planner = Planner::new(MachineLimits::built_in(), [0.0; 3]).expect("valid limits");
                         let mut seen = 0;
                         let run = play_through(planner, &moves, usize::MAX, |planner, _| {
-                            seen = planner.fallbacks().stops_in_first_block;
+                            seen = planner.fallbacks().no_plan;
                         });
                         (*time, stops, programs) = (*time + run.records.len(), stops + seen, programs + 1);
                     }
@@ -123,5 +122,5 @@ fn a_looser_tolerance_is_no_slower_among_glides_and_roundings() {
     }
     let [tight, middle, loose] = times.map(|time| time as f64);
     assert!(middle <= 1.01 * tight && loose <= 1.01 * middle, "{times:?} periods");
-    assert!(20 * stops <= programs, "{stops} stops behind a glide in {programs} programs");
+    assert!(stops == 0, "{stops} sections without a plan in {programs} programs");
 }
