@@ -1,27 +1,31 @@
-// The card on an emulated Raspberry Pi Pico: its line is at standard input and output, 1 Mbaud in the chip's time. It
-// ends with its input, and writes what was seen at the pins to standard error, as one line of JSON.
+// The card on an emulated Raspberry Pi Pico: its line is at standard input and output. It ends with its input, and
+// writes what was seen at the pins to standard error, as one line of JSON.
 //
 // Standard output is a sequence of messages: a byte 0, a length of two bytes (low byte first) and so many bytes of the
-// card; or a byte 1 and the number of bytes that the card has received since the last one, in two bytes. The other side
-// keeps 256 bytes under way at most: a buffer between a host that is in real time and a slow card would only delay
-// acknowledgements.
+// card; a byte 1 and the number of bytes that the card has received since the last one, in two bytes; or a byte 2 and 1
+// with the event, 2 once it is over. The other side keeps 256 bytes under way at most: a buffer between a host that is
+// in real time and a slow card would only delay acknowledgements.
 //
-// Invariant: a byte takes ten bits in either direction; between bytes nothing waits for this computer.
+// Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
-// Usage: node card.mjs IMAGE [EVENT PULSES]
-// EVENT happens in motion, once so many pulses were seen at the pins and the spindle is on: `cut` (the line is cut, in
-// both directions), `freeze` (the processor does nothing any more), `panic` (the firmware finds a defect of its own).
-// Half a second of the chip's time later, or with the reset by the watchdog, the run ends.
+// Usage: node card.mjs IMAGE uart|usb [EVENT PULSES]
+// EVENT happens in motion, once so many pulses were seen at the pins and the spindle is on: `freeze` (the processor does
+// nothing any more), `panic` (the firmware finds a defect of its own), `cut` (the line is cut, in both directions),
+// `unplug` (so is the USB cable, the card keeps its power), `kill` (the other side is to end the host; what it sends
+// meanwhile is lost, and its port is closed). It is over half a second of the chip's time later, or with the reset by the
+// watchdog: the run ends then, but after `unplug` and `kill` the card can be reached again and the run goes on.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
 import { Scope } from './scope.mjs';
+import { UsbHost } from './usb_host.mjs';
 
-const [, , image, event, pulses] = process.argv;
+const [, , image, line, event, pulses] = process.argv;
 const BYTE = 1250;
 const SLICE = 12500;
 const AFTER_EVENT = 62_500_000;
 const SPINDLE = 14;
 const INPUTS = [16, 17, 18, 19, 20, 21, 27, 28];
+const GOES_ON = ['unplug', 'kill'];
 
 const board = new Board(image);
 const scope = new Scope(board);
@@ -31,10 +35,11 @@ for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
 
 const toCard = [];
 const fromCard = [];
-let [ended, cut, nextByte, received, happened] = [false, false, 0, 0, undefined];
+let [ended, cut, isOver, nextByte, received, happened] = [false, false, false, 0, 0, undefined];
 /** Cycles from the event until the spindle was off. */
 let spindleOff;
-uart.onByte = (byte) => !cut && fromCard.push(byte);
+uart.onByte = (byte) => !cut && line === 'uart' && fromCard.push(byte);
+const usb = line === 'usb' ? new UsbHost(board, (bytes) => fromCard.push(...bytes)) : undefined;
 process.stdin.on('data', (bytes) => bytes.forEach((byte) => toCard.push(byte)));
 process.stdin.on('end', () => (ended = true));
 
@@ -42,17 +47,39 @@ const spindleIsOn = () => board.mcu.gpio[SPINDLE].value === 1;
 
 function happen() {
   happened = { at: board.cycles, pulses: scope.pulses };
-  if (event === 'cut') cut = true;
+  if (event === 'cut' || GOES_ON.includes(event)) cut = true;
+  if (event === 'unplug') usb.unplug();
+  if (event === 'kill') usb.setOpen(false);
   if (event === 'freeze') board.frozen = true;
   if (event === 'panic') board.mcu.core.PC = board.addressOf('rust_begin_unwind') & ~1;
+  send(2, 1, []);
+}
+
+function endEvent() {
+  isOver = true;
+  cut = false;
+  if (event === 'unplug') usb.plugIn();
+  happened.pulses_after = scope.pulses - happened.pulses;
+  happened.steps_ended = Math.max(0, scope.lastEdge - happened.at);
+  send(2, 2, []);
 }
 
 function feed() {
+  if (usb) return feedUsb();
   if (toCard.length === 0 || board.cycles < nextByte || uart.rxFIFO.full) return;
   const byte = toCard.shift();
   nextByte = board.cycles + BYTE;
   received++;
   if (!cut) uart.feedByte(byte);
+}
+
+function feedUsb() {
+  if (cut) received += toCard.splice(0).length;
+  // a program opens the port before it sends something
+  if (toCard.length > 0 && usb.isReady && !usb.isOpen && !usb.control) usb.setOpen(true);
+  const taken = usb.serve(toCard);
+  toCard.splice(0, taken);
+  received += taken;
 }
 
 function send(kind, count, bytes) {
@@ -69,12 +96,14 @@ function slice() {
   if (fromCard.length > 0) send(0, fromCard.length, fromCard.splice(0));
   if (received > 0) send(1, received, []);
   received = 0;
-  const isOver = happened ? board.cycles - happened.at > AFTER_EVENT : ended;
-  if (isOver || board.watchdogAt !== undefined) return report();
+  if (happened && !isOver && board.cycles - happened.at > AFTER_EVENT) endEvent();
+  const goesOn = !happened || GOES_ON.includes(event);
+  if ((goesOn ? ended : isOver) || board.watchdogAt !== undefined) return report();
   setImmediate(slice);
 }
 
 function report() {
+  if (happened && !isOver) endEvent();
   const { net, pulses, periods, wrong, late, worst } = scope;
   const [mark, maxPeriod, maxInterrupt, inInterrupts, computed, latePeriods, lostBytes, refused, ...counted] = board.words(
     'DIAGNOSTICS',
@@ -85,11 +114,11 @@ function report() {
     cycles: board.cycles, periods, pulses, net, wrong: wrong.length, wrong_first: wrong.slice(0, 3), late, worst,
     mark, max_period: maxPeriod, max_interrupt: maxInterrupt, in_interrupts: inInterrupts, computed,
     late_periods: latePeriods, lost_bytes: lostBytes, refused, counted: counted.map((count) => count | 0),
-    stack: board.stackDepth(), slower: +((125e6 * seconds) / board.cycles).toFixed(1),
+    stack: board.stackDepth(), slower: +((125e6 * seconds) / board.cycles).toFixed(1), usb: usb?.names ?? null,
     event: happened && {
       name: event,
-      steps_ended: Math.max(0, scope.lastEdge - happened.at),
-      pulses_after: scope.pulses - happened.pulses,
+      steps_ended: happened.steps_ended,
+      pulses_after: happened.pulses_after,
       spindle_off: spindleOff ?? null,
       watchdog: board.watchdogAt === undefined ? null : board.watchdogAt - happened.at,
       high_pins: scope.highPins(),

@@ -9,6 +9,7 @@ mod elf;
 mod emulator;
 mod pico;
 mod pico_emulator;
+mod pico_failures;
 mod sections;
 mod test;
 mod uf2;

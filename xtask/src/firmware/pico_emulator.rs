@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -32,6 +32,34 @@ pub(super) struct PicoEmulator {
     errors: Option<JoinHandle<String>>,
     bridge: Option<JoinHandle<()>>,
     over: Arc<AtomicBool>,
+    events: Receiver<EventState>,
+}
+
+/// The card's line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Line {
+    /// UART0, at 1 Mbaud.
+    Uart,
+    /// The USB line, with a host that enumerates it.
+    Usb,
+}
+
+impl Line {
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Uart => "uart",
+            Self::Usb => "usb",
+        }
+    }
+}
+
+/// State of the event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum EventState {
+    /// It has happened.
+    Happened,
+    /// What came of it has been seen; the card can be reached again, if the event allows it.
+    Over,
 }
 
 /// The programs of the emulator: node, and the folder of rp2040js.
@@ -52,10 +80,10 @@ impl PicoEmulator {
     ///
     /// # Errors
     /// The emulator is not installed or does not start, or there is no pseudo-terminal.
-    pub(super) fn start(root: &Path, image: &Path, event: Option<(&str, u32)>) -> Result<Self, String> {
+    pub(super) fn start(root: &Path, image: &Path, line: Line, event: Option<(&str, u32)>) -> Result<Self, String> {
         let (node, rp2040js) = can_emulate(root)?;
         let mut command = Command::new(node);
-        command.arg(root.join(SCRIPT)).arg(image).env("RETRACE_RP2040JS", rp2040js);
+        command.arg(root.join(SCRIPT)).arg(image).arg(line.name()).env("RETRACE_RP2040JS", rp2040js);
         if let Some((name, pulses)) = event {
             command.args([name, &pulses.to_string()]);
         }
@@ -74,12 +102,27 @@ impl PicoEmulator {
             let _ = errors.read_to_string(&mut text);
             text
         });
-        let (bytes, is_over) = (reader(output), Arc::clone(&over));
-        let bridge = std::thread::spawn(move || bridge(pty, input, &bytes, &is_over));
-        Ok(Self { child, line, errors: Some(errors), bridge: Some(bridge), over })
+        let (messages, is_over) = (reader(output), Arc::clone(&over));
+        let (sender, events) = channel();
+        let bridge = std::thread::spawn(move || bridge(pty, input, &messages, &sender, &is_over));
+        Ok(Self { child, line, errors: Some(errors), bridge: Some(bridge), over, events })
     }
 
-    /// The terminal that is the card's serial line.
+    /// Waits until the event is in this state.
+    ///
+    /// # Errors
+    /// It does not come to that.
+    pub(super) fn wait_for(&self, wanted: EventState) -> Result<(), String> {
+        loop {
+            match self.events.recv_timeout(PATIENCE) {
+                Ok(state) if state == wanted => return Ok(()),
+                Ok(_) => {}
+                Err(_) => return Err(format!("the emulator's event is never {wanted:?}")),
+            }
+        }
+    }
+
+    /// The terminal that is the card's line.
     pub(super) fn line(&self) -> &Path {
         &self.line
     }
@@ -121,6 +164,8 @@ enum Message {
     Bytes(Vec<u8>),
     /// So many bytes have arrived at the card.
     Received(usize),
+    /// The event is in this state now.
+    Event(EventState),
 }
 
 /// Reads messages in a thread of its own, since a pipe cannot be read without waiting.
@@ -140,8 +185,10 @@ fn read_message(from: &mut impl Read) -> std::io::Result<Message> {
     let mut head = [0; 3];
     from.read_exact(&mut head)?;
     let count = usize::from(u16::from_le_bytes([head[1], head[2]]));
-    if head[0] == 1 {
-        return Ok(Message::Received(count));
+    match head[0] {
+        0 => {}
+        1 => return Ok(Message::Received(count)),
+        _ => return Ok(Message::Event(if count == 1 { EventState::Happened } else { EventState::Over })),
     }
     let mut bytes = vec![0; count];
     from.read_exact(&mut bytes)?;
@@ -149,7 +196,13 @@ fn read_message(from: &mut impl Read) -> std::io::Result<Message> {
 }
 
 /// Carries bytes between the pseudo-terminal and the emulator, until it is over or one of them has ended.
-fn bridge(mut pty: Pty, mut input: impl Write, from_card: &Receiver<Message>, over: &AtomicBool) {
+fn bridge(
+    mut pty: Pty,
+    mut input: impl Write,
+    from_card: &Receiver<Message>,
+    events: &Sender<EventState>,
+    over: &AtomicBool,
+) {
     let mut bytes = [0; UNDER_WAY];
     let mut room = UNDER_WAY;
     while !over.load(Relaxed) {
@@ -158,6 +211,10 @@ fn bridge(mut pty: Pty, mut input: impl Write, from_card: &Receiver<Message>, ov
                 Message::Received(count) => room = (room + count).min(UNDER_WAY),
                 Message::Bytes(bytes) if pty.write(&bytes).is_err() => return,
                 Message::Bytes(_) => {}
+                Message::Event(state) => {
+                    // nobody has to wait for it
+                    let _ = events.send(state);
+                }
             }
         }
         if room == 0 {
@@ -178,9 +235,10 @@ mod tests {
 
     #[test]
     fn messages_are_read_and_what_is_cut_short_is_an_error() {
-        let mut stream = &[0, 2, 0, 7, 8, 1, 4, 1, 0, 9, 0, 1][..];
+        let mut stream = &[0, 2, 0, 7, 8, 1, 4, 1, 2, 2, 0, 0, 9, 0, 1][..];
         assert!(matches!(read_message(&mut stream), Ok(Message::Bytes(bytes)) if bytes == [7, 8]));
         assert!(matches!(read_message(&mut stream), Ok(Message::Received(260))));
+        assert!(matches!(read_message(&mut stream), Ok(Message::Event(EventState::Over))));
         assert!(read_message(&mut stream).is_err());
     }
 }

@@ -11,7 +11,7 @@ use super::diagnostics::{self, Diagnostics};
 use super::elf::Image;
 use super::emulator::{self, Emulator};
 use super::sections::Budget;
-use super::{pico, pico_emulator, sections};
+use super::{pico, pico_emulator, pico_failures, sections};
 use crate::suite;
 use retrace_task_support::process;
 
@@ -46,13 +46,14 @@ pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 6] = [
+    let checks: [Check; 7] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
         ("size", compilers, &sizes),
         ("emulation", qemu, &emulation),
-        ("emulation of the Pico", rp2040js, &pico::emulation),
+        ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
+        ("failures of the Pico", rp2040js, &pico_failures::emulation),
     ];
     let mut verdict = Verdict { passed: true, remark: String::new() };
     for (name, tools, check) in checks {

@@ -3,12 +3,14 @@
 //!
 //! Invariant: what the card accepts fits a control period of the step generator ([`step_words`]).
 
+pub mod line_selector;
 pub mod pins;
 #[cfg(test)]
 mod pio_model;
 pub mod pio_programs;
 pub mod quadrature;
 pub mod step_words;
+pub mod usb_control;
 
 use retrace_link::{CardIdentity, PROTOCOL};
 

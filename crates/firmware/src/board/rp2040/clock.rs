@@ -5,21 +5,27 @@
 
 use super::registers::{
     CLOCK_PERIPHERAL_CONTROL, CLOCK_REF_CONTROL, CLOCK_REF_SELECTED, CLOCK_SYS_CONTROL, CLOCK_SYS_SELECTED,
-    CRYSTAL_CONTROL, CRYSTAL_STARTUP, CRYSTAL_STATUS, PLL_DIVIDERS, PLL_FEEDBACK, PLL_POWER, PLL_STATUS, RESET,
-    RESET_DONE,
+    CLOCK_USB_CONTROL, CRYSTAL_CONTROL, CRYSTAL_STARTUP, CRYSTAL_STATUS, Pll, RESET, RESET_DONE,
 };
 use retrace_firmware::rp2040::CLOCK_HZ;
 
 /// Frequency of the crystal, in MHz.
 pub(super) const CRYSTAL_MHZ: u32 = 12;
-/// The PLL multiplies the crystal's frequency, and divides twice.
-const MULTIPLIER: u32 = 125;
-const DIVIDERS: [u32; 2] = [6, 2];
-const _: () = assert!(CRYSTAL_MHZ * MULTIPLIER / DIVIDERS[0] / DIVIDERS[1] * 1_000_000 == CLOCK_HZ);
+/// A PLL multiplies the crystal's frequency, and divides twice.
+struct Factors {
+    multiplier: u32,
+    dividers: [u32; 2],
+}
+const SYSTEM: Factors = Factors { multiplier: 125, dividers: [6, 2] };
+const USB: Factors = Factors { multiplier: 100, dividers: [5, 5] };
+const fn mhz(factors: &Factors) -> u32 {
+    CRYSTAL_MHZ * factors.multiplier / factors.dividers[0] / factors.dividers[1]
+}
+const _: () = assert!(mhz(&SYSTEM) * 1_000_000 == CLOCK_HZ && mhz(&USB) == 48);
 
-/// The peripherals of this firmware (data sheet, 2.14.3): the pins, both blocks of state machines, the PLL, the timer
-/// and UART0.
-const PERIPHERALS: u32 = 1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 21 | 1 << 22;
+/// The peripherals of this firmware (data sheet, 2.14.3): the pins, both blocks of state machines, both PLLs, the
+/// timer, UART0 and the USB controller.
+const PERIPHERALS: u32 = 1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13 | 1 << 21 | 1 << 22 | 1 << 24;
 const STABLE: u32 = 1 << 31;
 /// Power-down bits of the PLL: itself, its dividers, its oscillator.
 const PLL_OFF: u32 = 1;
@@ -49,13 +55,19 @@ pub(super) fn start() {
     RESET.clear_bits(PERIPHERALS);
     wait_for(|| RESET_DONE.has(PERIPHERALS));
 
-    PLL_STATUS.write(1);
-    PLL_FEEDBACK.write(MULTIPLIER);
-    PLL_POWER.clear_bits(PLL_OFF | OSCILLATOR_OFF);
-    wait_for(|| PLL_STATUS.has(STABLE));
-    PLL_DIVIDERS.write(DIVIDERS[0] << 16 | DIVIDERS[1] << 12);
-    PLL_POWER.clear_bits(DIVIDERS_OFF);
+    start_pll(Pll::System, &SYSTEM);
     CLOCK_SYS_CONTROL.write(1);
     wait_for(|| CLOCK_SYS_SELECTED.has(1 << 1));
     CLOCK_PERIPHERAL_CONTROL.write(1 << 11);
+    start_pll(Pll::Usb, &USB);
+    CLOCK_USB_CONTROL.write(1 << 11);
+}
+
+fn start_pll(pll: Pll, factors: &Factors) {
+    pll.status().write(1);
+    pll.multiplier().write(factors.multiplier);
+    pll.power().clear_bits(PLL_OFF | OSCILLATOR_OFF);
+    wait_for(|| pll.status().has(STABLE));
+    pll.dividers().write(factors.dividers[0] << 16 | factors.dividers[1] << 12);
+    pll.power().clear_bits(DIVIDERS_OFF);
 }

@@ -5,10 +5,12 @@
 
 mod clock;
 mod encoder;
+mod line;
 mod ports;
 mod registers;
 mod serial;
 mod step_generator;
+mod usb_line;
 mod watchdog;
 
 use retrace_firmware::AXES;
@@ -17,11 +19,13 @@ use retrace_firmware::step_batch::StepBatch;
 use retrace_link::{CardIdentity, Outputs};
 
 use super::{Board, stopwatch};
+use line::Line;
 use step_generator::StepGenerator;
 
 /// A Raspberry Pi Pico.
 pub(crate) struct Rp2040 {
     steps: StepGenerator,
+    line: Line,
 }
 
 impl Board for Rp2040 {
@@ -35,8 +39,7 @@ impl Board for Rp2040 {
         let steps = StepGenerator::start();
         watchdog::start();
         encoder::start();
-        serial::start();
-        Self { steps }
+        Self { steps, line: Line::start() }
     }
 
     fn set_all_low() {
@@ -56,19 +59,19 @@ impl Board for Rp2040 {
     }
 
     fn line_is_silent(&mut self) -> bool {
-        serial::is_silent()
+        self.line.is_silent()
     }
 
     fn receive(&mut self) -> Option<u8> {
-        serial::receive()
+        self.line.receive()
     }
 
     fn can_send(&mut self) -> bool {
-        serial::can_send()
+        self.line.can_send()
     }
 
     fn send(&mut self, byte: u8) {
-        serial::send(byte);
+        self.line.send(byte);
     }
 
     fn can_put_steps(&mut self) -> bool {

@@ -63,11 +63,11 @@ macro_rules! registers {
 const CLOCKS: usize = 0x4000_8000;
 const RESETS: usize = 0x4000_c000;
 const XOSC: usize = 0x4002_4000;
-const PLL_SYS: usize = 0x4002_8000;
 const UART0: usize = 0x4003_4000;
 const TIMER: usize = 0x4005_4000;
 const WATCHDOG: usize = 0x4005_8000;
 const SIO: usize = 0xd000_0000;
+const USB: usize = 0x5011_0000;
 
 registers! {
     /// Clock of the watchdog and the crystal's side: control, and which source is selected (data sheet, 2.15.7).
@@ -78,6 +78,8 @@ registers! {
     CLOCK_SYS_SELECTED = CLOCKS + 0x44;
     /// Clock of UART0: control.
     CLOCK_PERIPHERAL_CONTROL = CLOCKS + 0x48;
+    /// Clock of the USB controller: control.
+    CLOCK_USB_CONTROL = CLOCKS + 0x54;
     /// Peripherals that are held in reset, and those that have come out of it (data sheet, 2.14.3).
     RESET = RESETS;
     RESET_DONE = RESETS + 0x8;
@@ -89,11 +91,6 @@ registers! {
     CRYSTAL_STARTUP = XOSC + 0xc;
     /// A random bit of the ring oscillator (data sheet, 2.17.8).
     RANDOM_BIT = 0x4006_001c;
-    /// PLL of the processor's clock (data sheet, 2.18.4).
-    PLL_STATUS = PLL_SYS;
-    PLL_POWER = PLL_SYS + 0x4;
-    PLL_FEEDBACK = PLL_SYS + 0x8;
-    PLL_DIVIDERS = PLL_SYS + 0xc;
     /// UART0 (data sheet, 4.2.8).
     UART_DATA = UART0;
     UART_FLAGS = UART0 + 0x18;
@@ -118,6 +115,15 @@ registers! {
     PINS_IN = SIO + 0x4;
     PINS_OUT = SIO + 0x10;
     PINS_OUTPUT_ENABLE = SIO + 0x20;
+    /// USB controller (data sheet, 4.1.4).
+    USB_ADDRESS = USB;
+    USB_CONTROL = USB + 0x40;
+    USB_SIE_CONTROL = USB + 0x4c;
+    USB_SIE_STATUS = USB + 0x50;
+    USB_BUFFERS_DONE = USB + 0x58;
+    USB_REFUSE = USB + 0x68;
+    USB_LINES = USB + 0x74;
+    USB_POWER = USB + 0x78;
     /// Interrupts that are enabled, of the processor (ARMv6-M, B3.4).
     INTERRUPT_ENABLE = 0xe000_e100;
 }
@@ -132,6 +138,51 @@ pub(super) const fn pin_control(pin: u8) -> Register {
 pub(super) const fn pin_pad(pin: u8) -> Register {
     assert!(pin < 30);
     Register(0x4001_c004 + 4 * pin as usize)
+}
+
+/// Returns a word of the USB controller's memory, which has no aliases.
+pub(super) const fn usb_memory(word: usize) -> Register {
+    assert!(word < 1024);
+    Register(0x5010_0000 + 4 * word)
+}
+
+/// One of the two PLLs (data sheet, 2.18.4).
+#[derive(Clone, Copy)]
+pub(super) enum Pll {
+    /// Of the processor's clock.
+    System,
+    /// Of the USB controller's clock.
+    Usb,
+}
+
+impl Pll {
+    const fn register(self, offset: usize) -> Register {
+        let base = match self {
+            Self::System => 0x4002_8000,
+            Self::Usb => 0x4002_c000,
+        };
+        Register(base + offset)
+    }
+
+    /// Whether it is locked; divider of its input.
+    pub(super) const fn status(self) -> Register {
+        self.register(0)
+    }
+
+    /// Parts that are without power.
+    pub(super) const fn power(self) -> Register {
+        self.register(0x4)
+    }
+
+    /// Multiplier.
+    pub(super) const fn multiplier(self) -> Register {
+        self.register(0x8)
+    }
+
+    /// Dividers of its output.
+    pub(super) const fn dividers(self) -> Register {
+        self.register(0xc)
+    }
 }
 
 /// One of the two blocks of four state machines (data sheet, 3.7).
