@@ -6,6 +6,8 @@
 #![forbid(unsafe_code)]
 
 pub mod boot;
+#[cfg(test)]
+mod host_boards;
 pub mod output_level;
 pub mod ring;
 pub mod rp2040;

@@ -13,19 +13,26 @@ use crate::{AXES, MEMORY, WINDOW};
 use period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
 
 /// Identity of the card before it has a serial number and the number of a start.
-pub const IDENTITY: CardIdentity = CardIdentity {
-    protocol: PROTOCOL,
-    name: *b"retrace-stm32f4\0",
-    serial: 0,
-    boot: 0,
-    axes: AXES as u8,
-    outputs: pins::DIGITAL_OUTPUTS,
-    inputs: pins::INPUT_PINS.len() as u8,
-    has_power_output: false,
-    window: WINDOW as u32,
-    memory: MEMORY as u16,
-    tick_hz: SLOT_HZ,
-    min_period_us: MIN_PERIOD_US,
-    max_period_us: MAX_PERIOD_US,
-    max_pulses_hz: SLOT_HZ / 2,
-};
+pub const IDENTITY: CardIdentity = identity(MIN_PERIOD_US);
+
+/// Returns the identity of a card whose shortest control period is this, in microseconds: all else is the same on each
+/// chip.
+#[must_use]
+pub const fn identity(min_period_us: u32) -> CardIdentity {
+    CardIdentity {
+        protocol: PROTOCOL,
+        name: *b"retrace-stm32f4\0",
+        serial: 0,
+        boot: 0,
+        axes: AXES as u8,
+        outputs: pins::DIGITAL_OUTPUTS,
+        inputs: pins::INPUT_PINS.len() as u8,
+        has_power_output: false,
+        window: WINDOW as u32,
+        memory: MEMORY as u16,
+        tick_hz: SLOT_HZ,
+        min_period_us,
+        max_period_us: MAX_PERIOD_US,
+        max_pulses_hz: SLOT_HZ / 2,
+    }
+}

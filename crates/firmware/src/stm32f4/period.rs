@@ -4,9 +4,13 @@
 
 /// Slots per second: steps begin and end on them, so an axis makes at most half as many steps per second.
 pub const SLOT_HZ: u32 = 100_000;
-/// Minimum control period, in microseconds: limited by the computing time of the chip (docs/firmware.md, *Figures of
-/// the STM32F4*).
-pub const MIN_PERIOD_US: u32 = if cfg!(feature = "f405") { 500 } else { 1000 };
+/// Minimum control period of an STM32F405, in microseconds: limited by the computing time of the chip
+/// (docs/firmware.md, *Figures of the STM32F4*).
+pub const MIN_PERIOD_F405_US: u32 = 500;
+/// Minimum control period of the slower chips, STM32F401 and STM32F411, in microseconds.
+pub const MIN_PERIOD_F401_US: u32 = 1000;
+/// Minimum control period of this image's chip, in microseconds.
+pub const MIN_PERIOD_US: u32 = if cfg!(feature = "f405") { MIN_PERIOD_F405_US } else { MIN_PERIOD_F401_US };
 /// Maximum control period, in microseconds.
 pub const MAX_PERIOD_US: u32 = 20_000;
 

@@ -1,0 +1,24 @@
+//! The command's own table of boards, compared with the identities of this firmware.
+//!
+//! Invariant: `retrace machine check FILE --card BOARD` checks against what the board itself reports.
+
+use crate::stm32f4::period::{MIN_PERIOD_F401_US, MIN_PERIOD_F405_US};
+use crate::{rp2040, stm32f4};
+
+#[path = "../../cli/src/known_boards.rs"]
+#[allow(unreachable_pub)]
+mod known_boards;
+
+#[test]
+fn the_command_knows_the_boards_as_they_are() {
+    let boards = [
+        ("pico", rp2040::IDENTITY),
+        ("f405", stm32f4::identity(MIN_PERIOD_F405_US)),
+        ("f401", stm32f4::identity(MIN_PERIOD_F401_US)),
+        ("f411", stm32f4::identity(MIN_PERIOD_F401_US)),
+    ];
+    for (name, identity) in boards {
+        assert_eq!(known_boards::identity(name), Some(identity), "{name}");
+    }
+    assert_eq!(known_boards::identity("f103"), None);
+}
