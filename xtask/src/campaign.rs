@@ -3,6 +3,7 @@
 //! Invariant: a campaign is one of the tests of the suite with more cases and a seed of its own; the suite runs a slice
 //! of it.
 
+use crate::firmware;
 use retrace_task_support::process;
 use std::path::Path;
 
@@ -24,6 +25,9 @@ const END_TO_END: [&str; 2] = ["RETRACE_CASES", "PROPTEST_RNG_SEED"];
 
 /// Variables of tests that draw each case from a seed of its own, one after the other.
 const BY_SEED: [&str; 2] = ["RETRACE_CASES", "RETRACE_FIRST_SEED"];
+
+/// The campaign that needs an image and its emulator.
+const PICO: &str = "pico";
 
 /// Every campaign.
 pub(crate) const CAMPAIGNS: &[Campaign] = &[
@@ -229,6 +233,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 100_000,
     },
     Campaign {
+        name: PICO,
+        purpose: "random jobs on the Pico's image in its emulator: the pins do what the card crate orders, in every \
+            control period; the cases are periods",
+        test: ["retrace-controller", "testsuite", "pico::"],
+        asked: BY_SEED,
+        full: 100_000,
+        slice: 10_000,
+    },
+    Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
         test: ["retrace-link", "testsuite", "decoder::"],
@@ -248,6 +261,15 @@ pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bo
     let mut command = process::cargo(root, &arguments);
     let [count, first] = campaign.asked;
     command.env(count, cases.to_string()).env(first, seed.to_string()).env_remove("RETRACE_BIN");
+    if campaign.name == PICO {
+        match firmware::comparison_environment(root) {
+            Ok((name, value)) => command.env(name, value),
+            Err(reason) => {
+                eprintln!("xtask: {reason}");
+                return false;
+            }
+        };
+    }
     match command.status() {
         Ok(status) => status.success(),
         Err(error) => {

@@ -16,6 +16,7 @@
 // watchdog: the run ends then, but after `unplug` and `kill` the card can be reached again and the run goes on.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
+import { findings } from './findings.mjs';
 import { Scope } from './scope.mjs';
 import { UsbHost } from './usb_host.mjs';
 
@@ -104,17 +105,8 @@ function slice() {
 
 function report() {
   if (happened && !isOver) endEvent();
-  const { net, pulses, periods, wrong, late, worst } = scope;
-  const [mark, maxPeriod, maxInterrupt, inInterrupts, computed, latePeriods, lostBytes, refused, ...counted] = board.words(
-    'DIAGNOSTICS',
-    12,
-  );
-  const seconds = (performance.now() - began) / 1000;
   const found = {
-    cycles: board.cycles, periods, pulses, net, wrong: wrong.length, wrong_first: wrong.slice(0, 3), late, worst,
-    mark, max_period: maxPeriod, max_interrupt: maxInterrupt, in_interrupts: inInterrupts, computed,
-    late_periods: latePeriods, lost_bytes: lostBytes, refused, counted: counted.map((count) => count | 0),
-    stack: board.stackDepth(), slower: +((125e6 * seconds) / board.cycles).toFixed(1), usb: usb?.names ?? null,
+    ...findings(board, scope, began), usb: usb?.names ?? null,
     event: happened && {
       name: event,
       steps_ended: happened.steps_ended,

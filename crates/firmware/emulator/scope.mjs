@@ -29,6 +29,8 @@ export class Scope {
     this.ordered = [];
     this.periods = 0;
     this.seen = undefined;
+    /** Called with the net pulses of every period at its end. */
+    this.onPeriod = undefined;
     this.watchWords();
     this.watchPins();
   }
@@ -69,6 +71,7 @@ export class Scope {
     const last = this.seen;
     const order = this.ordered.shift();
     if (last) {
+      this.onPeriod?.(last.net);
       if (last.net.some((net, axis) => net !== last.order.net[axis])) {
         this.wrong.push({ period: this.periods, seen: last.net, ordered: last.order.net });
       }

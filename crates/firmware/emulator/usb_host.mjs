@@ -138,6 +138,11 @@ export class UsbHost {
     return this.plugged && this.open;
   }
 
+  /** Whether the card has room for a packet. */
+  awaitsBytes() {
+    return (this.bufferControl(this.outEndpoint, 1) & AVAILABLE) !== 0;
+  }
+
   /** Goes on with the script: `result` is that of its last request. */
   advance(result) {
     const { value, done } = this.script.next(result);

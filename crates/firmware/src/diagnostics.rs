@@ -8,20 +8,20 @@ use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
 use retrace_firmware::AXES;
 
 /// Identifies the structure and its layout.
-const MARK: u32 = 0x5254_0001;
+const MARK: u32 = 0x5254_0002;
 
 /// Counters and worst times.
 #[repr(C)]
 pub(crate) struct Diagnostics {
     mark: AtomicU32,
     /// Cycles of the longest control period's computation, without interrupts.
-    pub(crate) max_period: AtomicU32,
+    max_period: AtomicU32,
     /// Cycles of the longest measured interrupt: on the STM32F4 that of the steps.
     max_interrupt: AtomicU32,
     /// Cycles spent in these interrupts, wrapping around.
     in_interrupts: AtomicU32,
     /// Control periods computed, wrapping around.
-    pub(crate) periods: AtomicU32,
+    periods: AtomicU32,
     /// Control periods that began late because no step batch was available.
     pub(crate) late_periods: AtomicU32,
     /// Received bytes that were lost.
@@ -30,7 +30,12 @@ pub(crate) struct Diagnostics {
     refused: AtomicU32,
     /// Net pulses of each axis as emitted at the outputs, wrapping around.
     counted: [AtomicI32; AXES],
+    /// Cycles of all control periods' computations, without interrupts, in units of 1024.
+    in_periods: AtomicU32,
 }
+
+/// Cycles in a unit of the sum of all control periods: 32 bits of cycles are seconds.
+const UNIT: u32 = 1024;
 
 /// The single instance. The attribute keeps its layout, which the compiler could otherwise take apart.
 #[used]
@@ -44,6 +49,7 @@ pub(crate) static DIAGNOSTICS: Diagnostics = Diagnostics {
     lost_bytes: AtomicU32::new(0),
     refused: AtomicU32::new(0),
     counted: [const { AtomicI32::new(0) }; AXES],
+    in_periods: AtomicU32::new(0),
 };
 
 impl Diagnostics {
@@ -56,6 +62,16 @@ impl Diagnostics {
     pub(crate) fn record_interrupt(&self, cycles: u32) {
         self.in_interrupts.store(self.in_interrupts.load(Relaxed).wrapping_add(cycles), Relaxed);
         raise(&self.max_interrupt, cycles);
+    }
+
+    /// Records a control period whose computation took this many cycles; `rest` is what was left over of the unit
+    /// before, and is left over of this one.
+    pub(crate) fn record_period(&self, cycles: u32, rest: &mut u32) {
+        raise(&self.max_period, cycles);
+        *rest += cycles;
+        self.in_periods.store(self.in_periods.load(Relaxed).wrapping_add(*rest / UNIT), Relaxed);
+        *rest %= UNIT;
+        increment(&self.periods);
     }
 
     /// Returns the cycles spent in these interrupts so far.

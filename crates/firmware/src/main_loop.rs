@@ -9,7 +9,7 @@ use retrace_firmware::step_batch::{StepBatch, StepShape};
 use retrace_firmware::{AXES, ENTRIES, MEMORY, WINDOW, boot};
 
 use crate::board::{Board, ThisBoard, stopwatch};
-use crate::diagnostics::{DIAGNOSTICS, increment, raise};
+use crate::diagnostics::DIAGNOSTICS;
 
 /// Number of bytes fetched from the card at a time.
 const CHUNK: usize = 64;
@@ -37,13 +37,13 @@ fn main() -> ! {
     }
     let boot = boot::boot_number(starts, board.cycles());
     CARD.set_identity(boot::serial_number(board.unique_number()), boot);
-    let mut shape = StepShape::INITIAL;
+    let mut steps = Steps { shape: StepShape::INITIAL, rest: 0 };
     let mut sender = Sender { bytes: [0; CHUNK], at: 0, end: 0 };
     loop {
         board.feed_watchdog();
         // between commands, so that a frame of many does not make a period late
         if board.can_put_steps() {
-            run_period(CARD, &mut board, &mut shape);
+            run_period(CARD, &mut board, &mut steps);
         }
         if !CARD.process_command()
             && let Some(byte) = board.receive()
@@ -54,13 +54,21 @@ fn main() -> ! {
     }
 }
 
+/// State of the control periods.
+struct Steps {
+    /// Step timing of the last batch.
+    shape: StepShape,
+    /// Cycles of computation that are not counted yet.
+    rest: u32,
+}
+
 /// Computes a control period and puts its step batch. If an opening has changed the step timing, a period without
 /// pulses precedes it, so that the directions are stable.
-fn run_period(card: &mut Card, board: &mut ThisBoard, shape: &mut StepShape) {
+fn run_period(card: &mut Card, board: &mut ThisBoard, steps: &mut Steps) {
     if let Some(wanted) = card.settings().map(|settings| StepShape::of(settings.settings()))
-        && wanted != *shape
+        && wanted != steps.shape
     {
-        *shape = wanted;
+        steps.shape = wanted;
         board.put_steps(&StepBatch { increments: [0; AXES], shape: wanted });
         return;
     }
@@ -68,11 +76,10 @@ fn run_period(card: &mut Card, board: &mut ThisBoard, shape: &mut StepShape) {
     let inputs = InputLevels { levels: board.input_levels(), encoder: board.encoder(), failed: false };
     let status = card.run_period(inputs);
     board.set_outputs(&status.outputs);
-    board.put_steps(&StepBatch { increments: *card.card().pulses(), shape: *shape });
+    board.put_steps(&StepBatch { increments: *card.card().pulses(), shape: steps.shape });
     let interrupted = DIAGNOSTICS.interrupt_cycles().wrapping_sub(interrupts);
     let cycles = stopwatch::between(began, board.cycles());
-    raise(&DIAGNOSTICS.max_period, cycles.saturating_sub(interrupted));
-    increment(&DIAGNOSTICS.periods);
+    DIAGNOSTICS.record_period(cycles.saturating_sub(interrupted), &mut steps.rest);
 }
 
 /// Bytes of the card that wait for the transmitter.

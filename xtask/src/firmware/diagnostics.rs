@@ -7,9 +7,9 @@ use super::emulator::Emulator;
 use super::sections::RAM_BEGINS;
 
 /// Mark that identifies the block and its layout.
-const MARK: u32 = 0x5254_0001;
+const MARK: u32 = 0x5254_0002;
 /// Words of it.
-const WORDS: usize = 12;
+const WORDS: usize = 13;
 /// Cycles a second of the firmware's stopwatch in QEMU: one a nanosecond's instruction is 168 of 1000.
 const STOPWATCH_MHZ: u64 = 168;
 
@@ -30,6 +30,8 @@ pub(super) struct Diagnostics {
     pub(super) refused: u32,
     /// Net pulses of each axis at the outputs.
     pub(super) counted: [i32; 4],
+    /// Cycles of the stopwatch that a control period took on average, interrupts taken out.
+    pub(super) mean_period: u32,
 }
 
 impl Diagnostics {
@@ -51,6 +53,8 @@ impl Diagnostics {
             lost_bytes: words[6],
             refused: words[7],
             counted: [8, 9, 10, 11].map(|at| words[at] as i32),
+            // in units of 1024 cycles
+            mean_period: (u64::from(words[12]) * 1024 / u64::from(words[4].max(1))) as u32,
         })
     }
 }

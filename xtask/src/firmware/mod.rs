@@ -19,6 +19,7 @@ use std::time::Duration;
 
 use build::{Board, Build};
 use emulator::Emulator;
+pub(crate) use pico::comparison_environment;
 
 /// Command of the task.
 #[derive(Clone, Debug, PartialEq, Eq)]

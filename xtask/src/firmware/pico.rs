@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::build::{Board, Build};
-use super::pico_emulator::{Line, PicoEmulator};
+use super::pico_emulator::{self, Line, PicoEmulator};
 use super::sections::Budget;
 use super::test::job;
 use crate::suite;
+use retrace_task_support::process;
 use serde_json::Value;
 
 /// Files of the emulated job: the program, the machine and the operator.
@@ -50,6 +51,27 @@ impl Rig {
     }
 }
 
+/// Package and filter of the tests that compare the image with the card crate, period by period.
+const COMPARISON: [&str; 6] = ["--package", "retrace-controller", "--test", "testsuite", "--", "pico::"];
+
+/// The variable by which these tests find script, image and emulator, and its value.
+///
+/// # Errors
+/// The image does not build, or the emulator is not installed.
+pub(crate) fn comparison_environment(root: &Path) -> Result<(&'static str, String), String> {
+    let (_, rp2040js) = pico_emulator::can_emulate(root)?;
+    let script = root.join("crates/firmware/emulator/lockstep.mjs");
+    Ok(("RETRACE_PICO", [script, IMAGE.run(root)?, rp2040js].map(|path| path.display().to_string()).join(",")))
+}
+
+/// A slice of the campaign `pico`: random jobs, and homing.
+pub(super) fn comparison(root: &Path) -> Result<bool, String> {
+    let (name, value) = comparison_environment(root)?;
+    let mut command = process::cargo(root, &["test", "--quiet"]);
+    command.args(COMPARISON).args(["--include-ignored", "--nocapture", "--test-threads=1"]).env(name, value);
+    Ok(command.status().map_err(|error| format!("cargo cannot be run: {error}"))?.success())
+}
+
 /// A job with a hold and a reverse run on a fast machine, over USB.
 pub(super) fn emulation(root: &Path) -> Result<bool, String> {
     let rig = Rig::build(root)?;
@@ -77,14 +99,15 @@ fn count(found: &Value, name: &str) -> u64 {
 
 fn print_job(found: &Value) {
     println!(
-        "emulation of the Pico: {} control periods, {} pulses, {} wrong; late: {} in motion, {} at rest; the longest \
-         period took {} cycles, an interrupt {}; step high {}, low {} cycles at least; stack {} bytes; {} times slower \
-         than the chip",
+        "emulation of the Pico: {} control periods, {} pulses, {} wrong; late: {} in motion, {} at rest; a period took \
+         {} cycles on average and {} at most, an interrupt {}; step high {}, low {} cycles at least; stack {} bytes; \
+         {} times slower than the chip",
         found["periods"],
         found["pulses"],
         found["wrong"],
         found["late"]["motion"],
         found["late"]["opening"],
+        found["mean_period"],
         found["max_period"],
         found["max_interrupt"],
         found["worst"]["high"],

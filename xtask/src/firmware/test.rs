@@ -46,14 +46,15 @@ pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 7] = [
+    let checks: [Check; 8] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
         ("size", compilers, &sizes),
         ("emulation", qemu, &emulation),
         ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
-        ("failures of the Pico", rp2040js, &pico_failures::emulation),
+        ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),
+        ("pins of the Pico against the simulator", rp2040js, &pico::comparison),
     ];
     let mut verdict = Verdict { passed: true, remark: String::new() };
     for (name, tools, check) in checks {
@@ -110,13 +111,13 @@ fn emulation(root: &Path) -> Result<bool, String> {
     let found = Diagnostics::read(&image, &mut emulator)?;
     let depth = diagnostics::stack_depth(&image, &mut emulator)?;
     println!(
-        "emulation: {} control periods, {} late, {} bytes lost, {} orders refused; the longest took {} instructions, \
-            the \
-         step interrupt {} a slot; stack {depth} bytes",
+        "emulation: {} control periods, {} late, {} bytes lost, {} orders refused; one took {} instructions on \
+         average and {} at most, the step interrupt {} a slot; stack {depth} bytes",
         found.periods,
         found.late_periods,
         found.lost_bytes,
         found.refused,
+        diagnostics::instructions(found.mean_period),
         diagnostics::instructions(found.max_period),
         diagnostics::instructions(found.max_interrupt) / SLOTS,
     );

@@ -9,6 +9,7 @@ mod line;
 mod motion_path;
 mod operation;
 mod order;
+mod pico;
 mod rate_law;
 mod torch;
 mod track;
