@@ -22,10 +22,10 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         has_power_output: false,
         window: 1024,
         memory: 256,
-        tick_hz: 100_000,
+        tick_hz: 2_000_000,
         min_period_us,
         max_period_us: 20_000,
-        max_pulses_hz: 50_000,
+        max_pulses_hz: 250_000,
     };
     match name {
         "pico" => Some(CardIdentity {
@@ -33,11 +33,11 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
             inputs: 6,
             tick_hz: 125_000_000,
             max_period_us: 4000,
-            max_pulses_hz: 250_000,
             ..stm32f4(1000)
         }),
         "f405" => Some(stm32f4(500)),
-        "f401" | "f411" => Some(stm32f4(1000)),
+        "f411" => Some(stm32f4(1000)),
+        "f401" => Some(stm32f4(2000)),
         _ => None,
     }
 }

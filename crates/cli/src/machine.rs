@@ -61,9 +61,13 @@ pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
     Ok(0)
 }
 
-/// A template that begins with what a board has.
+/// A template that begins with what a board has, and whose control period it supports.
 fn with_board(template: &str, board: &str, identity: &CardIdentity) -> String {
     let [least_ms, most_ms] = [identity.min_period_us, identity.max_period_us].map(|us| f64::from(us) / 1000.0);
+    let template = match template.split_once("control_period_ms = 1.0") {
+        Some((before, behind)) if least_ms > 1.0 => format!("{before}control_period_ms = {least_ms:.1}{behind}"),
+        _ => template.into(),
+    };
     format!(
         "# Board: {board}. Its step outputs are the axes in the order of this file, at most {}, with up to {} pulses \
          a second\n# each, and control periods of {least_ms} to {most_ms} ms. It has the outputs 0 to {} and the \

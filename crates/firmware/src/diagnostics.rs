@@ -16,14 +16,14 @@ pub(crate) struct Diagnostics {
     mark: AtomicU32,
     /// Cycles of the longest control period's computation, without interrupts.
     max_period: AtomicU32,
-    /// Cycles of the longest measured interrupt: on the STM32F4 that of the steps.
+    /// Cycles of the longest measured interrupt: on the STM32F4 that which fills a buffer with steps.
     max_interrupt: AtomicU32,
     /// Cycles spent in these interrupts, wrapping around.
     in_interrupts: AtomicU32,
     /// Control periods computed, wrapping around.
     periods: AtomicU32,
     /// Control periods that began late because no step batch was available.
-    pub(crate) late_periods: AtomicU32,
+    late_periods: AtomicU32,
     /// Received bytes that were lost.
     pub(crate) lost_bytes: AtomicU32,
     /// Step batches whose pulses did not fit their period.
@@ -79,12 +79,13 @@ impl Diagnostics {
         self.in_interrupts.load(Relaxed)
     }
 
-    /// Publishes the counts of the step generator: net pulses of each axis, and refused batches.
-    pub(crate) fn publish(&self, counted: &[i32; AXES], refused: u32) {
+    /// Publishes the counts of the step generator: net pulses of each axis, refused batches, and late periods.
+    pub(crate) fn publish(&self, counted: &[i32; AXES], refused: u32, late: u32) {
         for (word, &count) in self.counted.iter().zip(counted) {
             word.store(count, Relaxed);
         }
         self.refused.store(refused, Relaxed);
+        self.late_periods.store(late, Relaxed);
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Invariant: `retrace machine check FILE --card BOARD` checks against what the board itself reports.
 
-use crate::stm32f4::period::{MIN_PERIOD_F401_US, MIN_PERIOD_F405_US};
+use crate::stm32f4::period::{MIN_PERIOD_F401_US, MIN_PERIOD_F405_US, MIN_PERIOD_F411_US};
 use crate::{rp2040, stm32f4};
 
 #[path = "../../cli/src/known_boards.rs"]
@@ -13,10 +13,11 @@ mod known_boards;
 fn the_command_knows_the_boards_as_they_are() {
     let boards = [
         ("pico", rp2040::IDENTITY),
-        ("f405", stm32f4::identity(MIN_PERIOD_F405_US)),
         ("f401", stm32f4::identity(MIN_PERIOD_F401_US)),
-        ("f411", stm32f4::identity(MIN_PERIOD_F401_US)),
+        ("f405", stm32f4::identity(MIN_PERIOD_F405_US)),
+        ("f411", stm32f4::identity(MIN_PERIOD_F411_US)),
     ];
+    assert_eq!(known_boards::NAMES, boards.map(|(name, _)| name));
     for (name, identity) in boards {
         assert_eq!(known_boards::identity(name), Some(identity), "{name}");
     }

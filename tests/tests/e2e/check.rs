@@ -242,13 +242,21 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y needs up to 260000 pulses"), "{}", result.err);
     assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z needs up to 3000000 pulses"), "{}", result.err);
     assert_eq!(lines[3], "m.toml: 3 warnings");
-    // The same against a board that is not there, which a new machine file fits.
+    // The same against boards that are not there: the built-in machine fits a Pico and an STM32F405, and not an
+    // STM32F401, whose shortest control period is 2 ms. A new machine file fits its board.
     let pico = bench.retrace(["machine", "check", "m.toml", "--card", "pico"]);
     assert_eq!(pico.err.matches("error[E3008]: m.toml, pico: axis ").count(), 3, "{}", pico.err);
-    let written = bench.retrace(["machine", "new", "plasma", "--board", "pico", "-o", "plasma.toml"]);
-    assert_eq!((written.code, written.err.as_str()), (Some(0), ""));
-    let result = bench.retrace(["machine", "check", "plasma.toml", "--card", "pico"]);
-    assert_eq!(result.code, Some(0), "{}", result.err);
+    let written = bench.retrace(["machine", "new", "-o", "built-in.toml"]);
+    assert_eq!(written.code, Some(0), "{}", written.err);
+    for (board, code) in [("pico", 0), ("f405", 0), ("f401", 2)] {
+        let result = bench.retrace(["machine", "check", "built-in.toml", "--card", board]);
+        assert_eq!(result.code, Some(code), "{board}: {}", result.err);
+        let file = format!("{board}.toml");
+        let written = bench.retrace(["machine", "new", "plasma", "--board", board, "-o", &file]);
+        assert_eq!((written.code, written.err.as_str()), (Some(0), ""));
+        let result = bench.retrace(["machine", "check", &file, "--card", board]);
+        assert_eq!(result.code, Some(0), "{}", result.err);
+    }
     // The same against a card: the limits of its clock and pulses, and its own bound.
     let served = ServedCard::with(&[]);
     let result = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);

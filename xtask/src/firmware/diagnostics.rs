@@ -18,7 +18,7 @@ const STOPWATCH_MHZ: u64 = 168;
 pub(super) struct Diagnostics {
     /// Cycles of the stopwatch that the longest control period took, interrupts taken out.
     pub(super) max_period: u32,
-    /// Cycles that the longest step interrupt took.
+    /// Cycles that the longest filling of a buffer with steps took.
     pub(super) max_interrupt: u32,
     /// Control periods computed.
     pub(super) periods: u32,

@@ -14,7 +14,7 @@ use retrace_task_support::process;
 use serde_json::Value;
 
 /// Files of the emulated job: the program, the machine and the operator.
-const PROGRAM: &str = "crates/firmware/emulated-pico.ngc";
+pub(super) const PROGRAM: &str = "crates/firmware/emulated-pico.ngc";
 const MACHINE: &str = "crates/firmware/emulated-pico.toml";
 const OPERATOR: &str = "crates/firmware/emulated-pico.op";
 /// What the emulator runs.

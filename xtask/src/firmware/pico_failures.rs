@@ -12,7 +12,7 @@ use retrace_task_support::process;
 use serde_json::Value;
 
 /// The program in which something fails, on the built-in machine.
-const PROGRAM: &str = super::test::PROGRAM;
+const PROGRAM: &str = "crates/firmware/emulated.ngc";
 /// Cycles of a millisecond.
 const CYCLES_PER_MS: u64 = 125_000;
 /// Pulses after which something fails: the machine is in the program's first move.

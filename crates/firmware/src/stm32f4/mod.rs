@@ -1,16 +1,20 @@
-//! The part of the STM32F4 boards that accesses no register: pins, step clock, and the work of the step interrupt.
+//! The part of the STM32F4 boards that accesses no register: pins, and the buffers that make steps.
 //!
 //! Invariant: data shared by the interrupt and the main loop is atomic, and each word is stored by only one of them.
 
+pub mod axis_edges;
+#[cfg(test)]
+mod dma_model;
 pub mod period;
 pub mod pins;
+pub mod port_counter;
+pub mod step_filler;
 pub mod step_mailbox;
-pub mod steps;
 
 use retrace_link::{CardIdentity, PROTOCOL};
 
 use crate::{AXES, MEMORY, WINDOW};
-use period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
+use period::{MAX_PERIOD_US, MAX_PULSES_HZ, MIN_PERIOD_US, SLOT_HZ};
 
 /// Identity of the card before it has a serial number and the number of a start.
 pub const IDENTITY: CardIdentity = identity(MIN_PERIOD_US);
@@ -33,6 +37,6 @@ pub const fn identity(min_period_us: u32) -> CardIdentity {
         tick_hz: SLOT_HZ,
         min_period_us,
         max_period_us: MAX_PERIOD_US,
-        max_pulses_hz: SLOT_HZ / 2,
+        max_pulses_hz: MAX_PULSES_HZ,
     }
 }

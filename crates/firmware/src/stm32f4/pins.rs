@@ -49,16 +49,18 @@ pub const ENCODER_PINS: [u8; 2] = [6, 7];
 
 /// All axes, one bit each.
 const ALL: u32 = (1 << AXES) - 1;
-/// All pins of the axes, one bit each.
-const AXIS_PINS: u32 = ALL << FIRST_STEP_PIN | ALL << FIRST_DIRECTION_PIN;
 
-/// Returns the word for port A that sets all steps and directions, from three bit sets of axes: step high, backward,
-/// and direction output inverted.
+/// Returns the word for port A that sets the step of an axis high or low.
 #[must_use]
-pub const fn axes_word(steps: u32, backward: u32, inverted: u32) -> u32 {
-    let directions = !(backward ^ inverted) & ALL;
-    let high = (steps & ALL) << FIRST_STEP_PIN | directions << FIRST_DIRECTION_PIN;
-    high | (AXIS_PINS & !high) << 16
+pub const fn step_word(axis: usize, is_high: bool) -> u32 {
+    bit(FIRST_STEP_PIN + axis as u8, is_high)
+}
+
+/// Returns the word for port A that sets the direction of an axis; `inverted`: axes for which high is backward, one bit
+/// each.
+#[must_use]
+pub const fn direction_word(axis: usize, backward: bool, inverted: u16) -> u32 {
+    bit(FIRST_DIRECTION_PIN + axis as u8, backward == (inverted >> axis & 1 == 1))
 }
 
 /// Returns the word for port B that sets all output pins.
@@ -132,10 +134,9 @@ mod tests {
         assert_eq!(outputs_word(&on) & 0xffff, outputs & !(1 << 13), "M4: not the pin of M3");
         off[usize::from(channel::SPINDLE)] = 1;
         assert_eq!(outputs_word(&off) & 0xffff, 1 << 13);
-        assert_eq!(axes_word(0b1111, 0, 0), 0b1_1111_1110);
-        assert_eq!(axes_word(0b1111, 0, 0b0010), 0b1_1011_1110 | 0b0_0100_0000 << 16);
-        assert_eq!(axes_word(0b0001, 0b0010, 0b0010), 0b1_1110_0010 | 0b0_0001_1100 << 16);
-        assert_eq!(axes_word(0, 0b1111, 0), 0b1_1111_1110 << 16);
+        assert_eq!((step_word(0, true), step_word(3, false)), (1 << 1, 1 << 20));
+        assert_eq!((direction_word(0, false, 0), direction_word(0, true, 0)), (1 << 5, 1 << 21));
+        assert_eq!((direction_word(3, false, 0b1000), direction_word(3, true, 0b1000)), (1 << 24, 1 << 8));
         assert_eq!(ALL_STEPS_LOW, 0b1_1110 << 16);
     }
 

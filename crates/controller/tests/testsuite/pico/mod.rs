@@ -14,7 +14,8 @@ use retrace_core::{Record, RecordIndex};
 use retrace_hal_sim::Random;
 use retrace_journal::JournalConfig;
 use retrace_link::{
-    CardIdentity, CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, Outputs, PathStart, channel,
+    CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, LinkTimeouts, LinkedCard, LinkedCardError,
+    MotionCard, Outputs, PathStart, channel,
 };
 use serde_json::Value;
 
@@ -129,6 +130,62 @@ fn compare(
     Ok(compared)
 }
 
+/// The card on the line, and the counts of the handwheel that it has reported.
+struct Watched {
+    card: Box<LinkedCard<AXES, PicoPort>>,
+    turned: i64,
+    /// First and last period that were reported.
+    reported: Option<(u64, u64)>,
+}
+
+impl MotionCard<AXES> for Watched {
+    type Fault = LinkedCardError<port::NoFault>;
+
+    fn window(&self) -> u32 {
+        MotionCard::window(&*self.card)
+    }
+
+    fn send(&mut self, command: HostCommand<AXES>) -> Result<(), CommandRefusal> {
+        self.card.send(command)
+    }
+
+    fn run_period(&mut self) -> Result<&CardStatus<AXES>, Self::Fault> {
+        let before = self.card.status().period;
+        let status = self.card.run_period()?;
+        if status.period != before {
+            self.turned += i64::from(status.wheel);
+            self.reported = Some((self.reported.map_or(status.period, |(first, _)| first), status.period));
+        }
+        Ok(self.card.status())
+    }
+
+    fn begin_path(&mut self, start: PathStart) -> Result<(), Self::Fault> {
+        self.card.begin_path(start)
+    }
+
+    fn status(&self) -> &CardStatus<AXES> {
+        self.card.status()
+    }
+
+    fn acknowledged_high(&self) -> RecordIndex {
+        self.card.acknowledged_high()
+    }
+}
+
+impl Watched {
+    /// Whether the handwheel has turned as far as its pins have.
+    fn check_turned(&self) -> Result<(), String> {
+        let Some((first, last)) = self.reported else { return Ok(()) };
+        let steps = |period: u64| i64::from(self.card.port().given[period as usize - 1].steps);
+        let wanted: i64 = (first..=last).map(steps).sum();
+        if wanted == self.turned {
+            Ok(())
+        } else {
+            Err(format!("the handwheel has turned {}, not {wanted}", self.turned))
+        }
+    }
+}
+
 struct Ignore;
 
 impl Observer<AXES> for Ignore {
@@ -167,9 +224,11 @@ fn run(machine: &MachineConfig, text: &str, commands: &str, around: Surroundings
         run_mode: RunMode { wall_time: false, operator: true, real_time: false },
         journal: JournalConfig::default(),
     };
-    let end = run_job(machine, Decoder::new(text), options, &mut *card, &mut Ignore).expect("a job");
+    let mut card = Watched { card, turned: 0, reported: None };
+    let end = run_job(machine, Decoder::new(text), options, &mut card, &mut Ignore).expect("a job");
     println!("  {:?}", end.outcome);
-    finish(identity, card.into_port(), Some(&path))
+    card.check_turned()?;
+    finish(identity, card.card.into_port(), Some(&path))
 }
 
 /// Number of control periods, and the seed of the first job: `cargo xtask campaign pico`.

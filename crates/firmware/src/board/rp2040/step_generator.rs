@@ -5,7 +5,7 @@
 
 use super::ports;
 use super::registers::Pio;
-use crate::diagnostics::{DIAGNOSTICS, increment};
+use crate::diagnostics::DIAGNOSTICS;
 use retrace_firmware::AXES;
 use retrace_firmware::rp2040::pins::{FIRST_DIRECTION_PIN, FIRST_STEP_PIN, GATE_PIN};
 use retrace_firmware::rp2040::pio_programs::{
@@ -34,6 +34,8 @@ pub(super) struct StepGenerator {
     counted: [i32; AXES],
     /// Batches whose pulses did not fit their period.
     refused: u32,
+    /// Periods that began late because their words were not there.
+    late: u32,
 }
 
 impl StepGenerator {
@@ -49,6 +51,7 @@ impl StepGenerator {
             running: false,
             counted: [0; AXES],
             refused: 0,
+            late: 0,
         };
         generator.set_ticks();
         for axis in 0..AXES {
@@ -102,13 +105,13 @@ impl StepGenerator {
             }
         }
         if self.running && Pio::Frame.queue_faults().has(WAITED << FRAME_MACHINE) {
-            increment(&DIAGNOSTICS.late_periods);
+            self.late = self.late.wrapping_add(1);
         }
         self.running = true;
         // last: with it the period may begin
         Pio::Frame.queue(FRAME_MACHINE).write(self.ticks.period - FRAME_TICKS);
         Pio::Frame.queue_faults().write(WAITED << FRAME_MACHINE);
-        DIAGNOSTICS.publish(&self.counted, self.refused);
+        DIAGNOSTICS.publish(&self.counted, self.refused, self.late);
     }
 
     fn words(&mut self, axis: usize, increment: i32) -> StepWords {

@@ -9,27 +9,27 @@ pub(crate) struct Rates {
     pub(crate) core: u32,
     /// USART1: the bus APB2.
     pub(crate) serial: u32,
-    /// TIM5: twice the bus APB1, where that is divided (RM0090, 7.2).
-    pub(crate) step_timer: u32,
+    /// TIM1: twice the bus APB2, where that is divided (RM0090, 7.2). In QEMU, TIM5.
+    pub(crate) slot_timer: u32,
 }
 
 /// 168 MHz; APB1 at a quarter, APB2 at half of it.
 #[cfg(all(feature = "f405", not(feature = "qemu")))]
-pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, step_timer: 84_000_000 };
+pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, slot_timer: 168_000_000 };
 /// 84 MHz; APB1 at half of it, APB2 undivided.
 #[cfg(feature = "f401")]
-pub(crate) const RATES: Rates = Rates { core: 84_000_000, serial: 84_000_000, step_timer: 84_000_000 };
+pub(crate) const RATES: Rates = Rates { core: 84_000_000, serial: 84_000_000, slot_timer: 84_000_000 };
 /// 100 MHz; APB1 at half of it, APB2 undivided.
 #[cfg(feature = "f411")]
-pub(crate) const RATES: Rates = Rates { core: 100_000_000, serial: 100_000_000, step_timer: 100_000_000 };
+pub(crate) const RATES: Rates = Rates { core: 100_000_000, serial: 100_000_000, slot_timer: 100_000_000 };
 /// QEMU's netduinoplus2 has no clock tree: the processor is assumed to run at 168 MHz, the timers at 1 GHz, and no baud
 /// rate matters.
 #[cfg(feature = "qemu")]
-pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, step_timer: 1_000_000_000 };
+pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, slot_timer: 1_000_000_000 };
 
 const _: () = {
     // the chosen rates divide without remainder, so that slots and baud rate are exact
-    assert!(RATES.step_timer % retrace_firmware::stm32f4::period::SLOT_HZ == 0);
+    assert!(RATES.slot_timer % retrace_firmware::stm32f4::period::SLOT_HZ == 0);
     assert!(RATES.serial % super::serial::BAUD == 0 && RATES.serial / super::serial::BAUD >= 16);
     assert!(RATES.core >= 84_000_000);
 };

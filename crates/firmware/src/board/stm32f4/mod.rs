@@ -9,7 +9,7 @@ mod ports;
 mod registers;
 mod serial;
 mod starts;
-mod step_timer;
+mod step_dma;
 
 use retrace_firmware::AXES;
 use retrace_firmware::step_batch::StepBatch;
@@ -18,7 +18,7 @@ use retrace_firmware::stm32f4::pins::{ALL_OUTPUTS_LOW, ALL_STEPS_LOW};
 use retrace_link::{CardIdentity, Outputs};
 
 use super::{Board, stopwatch};
-use step_timer::ORDERS;
+use step_dma::ORDERS;
 
 #[cfg(feature = "f401")]
 use stm32f4::stm32f401 as chip;
@@ -40,11 +40,12 @@ impl Board for Stm32f4 {
         stopwatch::start();
         encoder::start();
         serial::start();
-        step_timer::start();
+        step_dma::start();
         Self
     }
 
     fn set_all_low() {
+        step_dma::stop();
         registers::set_port_a(ALL_STEPS_LOW);
         registers::set_port_b(ALL_OUTPUTS_LOW);
     }

@@ -7,6 +7,8 @@
 use cortex_m::peripheral::NVIC;
 
 use super::chip;
+#[cfg(not(feature = "qemu"))]
+use retrace_firmware::stm32f4::{period::BUFFER_SLOTS, step_filler::SlotBuffer};
 
 /// A shared reference to each peripheral's registers, by name.
 macro_rules! blocks {
@@ -41,7 +43,14 @@ blocks! {
     usart1: USART1, chip::usart1::RegisterBlock;
     /// The encoder's timer.
     tim4: TIM4, chip::tim4::RegisterBlock;
-    /// The step timer.
+    /// The timer of the slots.
+    #[cfg(not(feature = "qemu"))]
+    tim1: TIM1, chip::tim1::RegisterBlock;
+    /// The DMA of the steps.
+    #[cfg(not(feature = "qemu"))]
+    dma2: DMA2, chip::dma2::RegisterBlock;
+    /// The timer that takes the DMA's place in QEMU.
+    #[cfg(feature = "qemu")]
     tim5: TIM5, chip::tim5::RegisterBlock;
 }
 
@@ -56,6 +65,64 @@ pub(crate) fn set_port_a(word: u32) {
 pub(crate) fn set_port_b(word: u32) {
     // SAFETY: as for port A.
     port_b().bsrr().write(|w| unsafe { w.bits(word) });
+}
+
+/// Stream of DMA2 with the requests of TIM1's update (RM0090 and RM0368, table of the requests of DMA2), and the bits
+/// of its end of a buffer, all flags of it, and its channel.
+#[cfg(not(feature = "qemu"))]
+mod step_stream {
+    pub(super) const NUMBER: usize = 5;
+    pub(super) const BUFFER_ENDED: u32 = 1 << 11;
+    pub(super) const FLAGS: u32 = 0b11_1101 << 6;
+    pub(super) const CHANNEL: u32 = 6 << 25;
+    /// The buffer that is played.
+    pub(super) const CURRENT: u32 = 1 << 19;
+    pub(super) const ENABLED: u32 = 1;
+    /// Two buffers in turn, the highest priority, 32 bits at both ends, the memory's address counts, circular, from
+    /// memory, and an interrupt at the end of a buffer.
+    pub(super) const CONTROL: u32 =
+        CHANNEL | 1 << 18 | 0b11 << 16 | 0b10 << 13 | 0b10 << 11 | 1 << 10 | 1 << 8 | 0b01 << 6 | 1 << 4;
+    /// With its queue, so that a word is there before its request.
+    pub(super) const QUEUE: u32 = 1 << 2 | 0b11;
+}
+
+/// Starts the stream of the steps from these buffers to the bit set/reset register of port A.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn start_step_stream(buffers: &'static [SlotBuffer; 2]) {
+    rcc().ahb1enr().modify(|_, w| w.dma2en().enabled());
+    let stream = dma2().st(step_stream::NUMBER);
+    let [first, second] = buffers.each_ref().map(|buffer| buffer.as_ptr().expose_provenance() as u32);
+    let port = port_a().bsrr().as_ptr().expose_provenance() as u32;
+    // SAFETY: the stream only reads the buffers, which are atomic and never end, and only writes the register of the
+    // port, of which every value is valid; the fields are those of RM0090, 10.5.
+    unsafe {
+        stream.par().write(|w| w.bits(port));
+        stream.m0ar().write(|w| w.bits(first));
+        stream.m1ar().write(|w| w.bits(second));
+        stream.ndtr().write(|w| w.bits(BUFFER_SLOTS as u32));
+        stream.fcr().write(|w| w.bits(step_stream::QUEUE));
+        dma2().hifcr().write(|w| w.bits(step_stream::FLAGS));
+        stream.cr().write(|w| w.bits(step_stream::CONTROL));
+        stream.cr().write(|w| w.bits(step_stream::CONTROL | step_stream::ENABLED));
+    }
+}
+
+/// Ends the stream of the steps; a word that is under way is written before this returns.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn stop_step_stream() {
+    let stream = dma2().st(step_stream::NUMBER);
+    // SAFETY: as for the start.
+    stream.cr().write(|w| unsafe { w.bits(step_stream::CONTROL) });
+    // it ends within a transfer
+    let _ = (0..100).any(|_| stream.cr().read().bits() & step_stream::ENABLED == 0);
+}
+
+/// Acknowledges the end of a buffer, and returns the number of the one that is played now.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn end_of_step_buffer() -> usize {
+    // SAFETY: it clears the flag of this stream alone.
+    dma2().hifcr().write(|w| unsafe { w.bits(step_stream::BUFFER_ENDED) });
+    usize::from(dma2().st(step_stream::NUMBER).cr().read().bits() & step_stream::CURRENT != 0)
 }
 
 /// Sets the main PLL's divider `m` (2 … 63) and multiplier `n` (50 … 432), while it is off.

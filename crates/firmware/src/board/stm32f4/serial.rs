@@ -23,7 +23,8 @@ pub(super) fn start() {
     let ratio = super::clock::RATES.serial / BAUD;
     usart1().brr().write(|w| w.div_mantissa().set((ratio / 16) as u16).div_fraction().set((ratio % 16) as u8));
     usart1().cr1().write(|w| w.ue().enabled().te().enabled().re().enabled().rxneie().enabled());
-    set_priority(chip::Interrupt::USART1, 1);
+    // before the steps: the receiver has room for one byte, which is 10 µs
+    set_priority(chip::Interrupt::USART1, 0);
     unmask(chip::Interrupt::USART1);
 }
 
