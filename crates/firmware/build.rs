@@ -12,18 +12,22 @@ fn main() {
         return;
     }
     let has = |board: &str| env::var_os(format!("CARGO_FEATURE_{board}")).is_some();
-    println!("cargo:rerun-if-changed=rp2040.x");
-    if has("RP2040") {
-        let root = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
-        println!("cargo:rustc-link-arg-bins=-T{root}/rp2040.x");
-        return;
+    for (board, script) in [("RP2040", "rp2040.x"), ("RP2350", "rp2350.x")] {
+        println!("cargo:rerun-if-changed={script}");
+        if has(board) {
+            let root = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
+            println!("cargo:rustc-link-arg-bins=-T{root}/{script}");
+            // else the linker would load the headers of the ELF file, too, where the flash has the code
+            println!("cargo:rustc-link-arg-bins=--nmagic");
+            return;
+        }
     }
     // the F405 has 64 KiB more, core-coupled, which is left alone
     let (flash, ram) = match (has("F405"), has("F401"), has("F411")) {
         (true, false, false) => (1024, 112),
         (false, true, false) => (256, 64),
         (false, false, true) => (512, 128),
-        _ => panic!("choose one microcontroller: --features f405, f401, f411 or rp2040"),
+        _ => panic!("choose one microcontroller: --features f405, f401, f411, rp2040 or rp2350"),
     };
     let map = format!(
         "MEMORY {{\n  FLASH : ORIGIN = 0x08000000, LENGTH = {flash}K\n  RAM : ORIGIN = 0x20000000, LENGTH = \

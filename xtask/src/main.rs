@@ -55,7 +55,7 @@ Tasks:
   figures [FILE …]   make every picture of README and docs anew, or those that are named
            --list          name them and leave
   firmware WHAT   the card on a microcontroller; docs/firmware.md
-           build           compile it: f405, f401 and f411
+           build           compile it: f405, f401, f411, pico and pico2
            size            the same, and hold flash and RAM to their budgets
            --board NAME    this one only; may be given more than once
            --crystal MHZ   the board's crystal, 8 or 25; without it the internal oscillator

@@ -7,7 +7,7 @@
 use retrace_link::{CardIdentity, PROTOCOL};
 
 /// Names of the boards.
-pub const NAMES: [&str; 4] = ["pico", "f401", "f405", "f411"];
+pub const NAMES: [&str; 5] = ["pico", "pico2", "f401", "f405", "f411"];
 
 /// What the card on a board reports of itself; `None` for an unknown board.
 pub fn identity(name: &str) -> Option<CardIdentity> {
@@ -27,13 +27,21 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         max_period_us: 20_000,
         max_pulses_hz: 250_000,
     };
+    let pico = CardIdentity {
+        name: *b"retrace-rp2040\0\0",
+        inputs: 6,
+        tick_hz: 125_000_000,
+        max_period_us: 4000,
+        ..stm32f4(1000)
+    };
     match name {
-        "pico" => Some(CardIdentity {
-            name: *b"retrace-rp2040\0\0",
-            inputs: 6,
-            tick_hz: 125_000_000,
-            max_period_us: 4000,
-            ..stm32f4(1000)
+        "pico" => Some(pico),
+        "pico2" => Some(CardIdentity {
+            name: *b"retrace-rp2350\0\0",
+            tick_hz: 150_000_000,
+            max_period_us: 2500,
+            max_pulses_hz: 400_000,
+            ..pico
         }),
         "f405" => Some(stm32f4(500)),
         "f411" => Some(stm32f4(1000)),

@@ -12,7 +12,8 @@ mod known_boards;
 #[test]
 fn the_command_knows_the_boards_as_they_are() {
     let boards = [
-        ("pico", rp2040::IDENTITY),
+        ("pico", rp2040::identity(rp2040::Chip::Rp2040)),
+        ("pico2", rp2040::identity(rp2040::Chip::Rp2350)),
         ("f401", stm32f4::identity(MIN_PERIOD_F401_US)),
         ("f405", stm32f4::identity(MIN_PERIOD_F405_US)),
         ("f411", stm32f4::identity(MIN_PERIOD_F411_US)),

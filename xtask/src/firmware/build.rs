@@ -20,10 +20,12 @@ pub(crate) enum Board {
     F411,
     /// Raspberry Pi Pico: RP2040, 125 MHz.
     Pico,
+    /// Raspberry Pi Pico 2: RP2350, 150 MHz.
+    Pico2,
 }
 
 impl Board {
-    pub(super) const ALL: [Self; 4] = [Self::F405, Self::F401, Self::F411, Self::Pico];
+    pub(super) const ALL: [Self; 5] = [Self::F405, Self::F401, Self::F411, Self::Pico, Self::Pico2];
 
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -31,17 +33,31 @@ impl Board {
             Self::F401 => "f401",
             Self::F411 => "f411",
             Self::Pico => "pico",
+            Self::Pico2 => "pico2",
         }
+    }
+
+    /// Whether it is a Pico or a Pico 2: its code is in RAM, and it is flashed by drag and drop.
+    pub(super) fn is_pico(self) -> bool {
+        matches!(self, Self::Pico | Self::Pico2)
     }
 
     /// The feature of the firmware.
     fn feature(self) -> &'static str {
-        if self == Self::Pico { "rp2040" } else { self.name() }
+        match self {
+            Self::Pico => "rp2040",
+            Self::Pico2 => "rp2350",
+            _ => self.name(),
+        }
     }
 
     /// The target that its code is compiled for.
     fn target(self) -> &'static str {
-        if self == Self::Pico { "thumbv6m-none-eabi" } else { "thumbv7em-none-eabihf" }
+        match self {
+            Self::Pico => "thumbv6m-none-eabi",
+            Self::Pico2 => "thumbv8m.main-none-eabihf",
+            _ => "thumbv7em-none-eabihf",
+        }
     }
 
     /// The board of this name.
@@ -52,7 +68,7 @@ impl Board {
         Self::ALL
             .into_iter()
             .find(|board| board.name() == name)
-            .ok_or_else(|| format!("there is no board `{name}`: f405, f401, f411, pico"))
+            .ok_or_else(|| format!("there is no board `{name}`: f405, f401, f411, pico, pico2"))
     }
 }
 
@@ -72,7 +88,7 @@ impl Build {
 
     fn features(self) -> String {
         let mut features = self.board.feature().to_owned();
-        if let Some(crystal) = self.crystal.filter(|_| self.board != Board::Pico) {
+        if let Some(crystal) = self.crystal.filter(|_| !self.board.is_pico()) {
             features.push_str(&format!(",hse{crystal}"));
         }
         if self.emulated {
@@ -94,7 +110,7 @@ impl Build {
         let arguments = ["build", "--locked", "--release", "--target", target, "--features", &features];
         let mut command = process::cargo(&root.join("crates/firmware"), &arguments);
         command.args(["--message-format", "json-render-diagnostics"]).env("CARGO_TARGET_DIR", &folder);
-        if self.board == Board::Pico {
+        if self.board.is_pico() {
             // it has room for speed, and its processor needs it
             command.env("CARGO_PROFILE_RELEASE_OPT_LEVEL", "3");
         }
@@ -105,23 +121,26 @@ impl Build {
         Ok(image)
     }
 
-    /// Writes the image that the boot ROM of a Pico accepts by drag and drop, beside the ELF file; returns its path.
+    /// Writes the image that the boot ROM of a Pico or Pico 2 accepts by drag and drop, beside the ELF file; returns
+    /// its path.
     ///
     /// # Errors
     /// The ELF file cannot be read, or the other one not written.
     pub(super) fn write_uf2(self, image: &Path) -> Result<Option<PathBuf>, String> {
-        if self.board != Board::Pico {
-            return Ok(None);
-        }
+        let family = match self.board {
+            Board::Pico => uf2::RP2040,
+            Board::Pico2 => uf2::RP2350,
+            _ => return Ok(None),
+        };
         let bytes = std::fs::read(image).map_err(|error| format!("{}: {error}", image.display()))?;
         let path = image.with_extension("uf2");
-        std::fs::write(&path, uf2::convert(&bytes)?).map_err(|error| format!("{}: {error}", path.display()))?;
+        std::fs::write(&path, uf2::convert(&bytes, family)?).map_err(|error| format!("{}: {error}", path.display()))?;
         Ok(Some(path))
     }
 }
 
 /// Target folder of cargo for this checkout.
-pub(super) fn target_folder(root: &Path) -> PathBuf {
+pub(crate) fn target_folder(root: &Path) -> PathBuf {
     let named = std::env::var_os("CARGO_TARGET_DIR").filter(|folder| !folder.is_empty());
     named.map_or_else(|| root.join("target"), |folder| root.join(folder))
 }
@@ -149,7 +168,7 @@ impl Compiler {
     fn prepare(&self, command: &mut Command, target: &str) {
         if let Self::Other { rustc, linker } = self {
             command.arg("-Zbuild-std=core").env("RUSTC", rustc).env("RUSTC_BOOTSTRAP", "1");
-            let variable = target.to_uppercase().replace('-', "_");
+            let variable = target.to_uppercase().replace(['-', '.'], "_");
             command.env(format!("CARGO_TARGET_{variable}_LINKER"), linker);
         }
     }
@@ -172,5 +191,6 @@ mod tests {
         assert_eq!(Build::EMULATED.features(), "f405,qemu");
         assert_eq!(Build { board: Board::F411, crystal: Some(25), emulated: false }.features(), "f411,hse25");
         assert_eq!(Build { board: Board::Pico, crystal: Some(25), emulated: false }.features(), "rp2040");
+        assert_eq!(Build { board: Board::Pico2, crystal: Some(25), emulated: false }.features(), "rp2350");
     }
 }

@@ -82,7 +82,10 @@ pub(super) fn emulation(root: &Path) -> Result<bool, String> {
     print_job(&found);
     let mut wrong = wrong_in_job(&found);
     if report.outcome != "completed" || report.reversals == 0 {
-        wrong.push(format!("the job ended as `{}` with {} reversals", report.outcome, report.reversals));
+        wrong.push(format!(
+            "the job ended as `{}` with {} reversals: {}",
+            report.outcome, report.reversals, report.alarms
+        ));
     }
     if found["net"] != serde_json::json!(report.counts) {
         wrong.push(format!("the command reported the counts {:?}", report.counts));

@@ -39,6 +39,9 @@ impl From<Result<bool, String>> for Ended {
     }
 }
 
+/// The step generator has other limits on this chip.
+const UNIT_TESTS_RP2350: [&str; 7] = ["test", "--locked", "--lib", "--quiet", "--features", "rp2350", "rp2040"];
+
 /// A check: its name, the tools that it needs or which of them is missing, and what does it.
 type Check<'a> = (&'a str, Result<(), String>, &'a dyn Fn(&Path) -> Result<bool, String>);
 
@@ -46,10 +49,11 @@ pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 8] = [
+    let checks: [Check; 9] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
+        ("unit tests as for an RP2350", Ok(()), &|root| in_firmware(root, &UNIT_TESTS_RP2350)),
         ("size", compilers, &sizes),
         ("emulation", qemu, &emulation),
         ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
@@ -127,7 +131,7 @@ fn emulation(root: &Path) -> Result<bool, String> {
     );
     let stack = Budget::of(Board::F405).stack;
     let told = [
-        (report.outcome != "completed", format!("the job ended as `{}`", report.outcome)),
+        (report.outcome != "completed", format!("the job ended as `{}`: {}", report.outcome, report.alarms)),
         (report.reversals == 0, "nothing was run backward".to_owned()),
         (found.counted != report.counts, "the outputs' pulses are not those reported".to_owned()),
         (found.lost_bytes > 0 || found.refused > 0, "bytes were lost, or pulses did not fit".to_owned()),
@@ -141,6 +145,8 @@ fn emulation(root: &Path) -> Result<bool, String> {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Report {
     pub(super) outcome: String,
+    /// Alarms, as they are reported.
+    pub(super) alarms: String,
     pub(super) reversals: u64,
     /// Final counts of X, Y, Z and A.
     pub(super) counts: [i32; 4],
@@ -171,7 +177,8 @@ fn report_in(line: &str) -> Option<Report> {
         let position = &report["position_counts"][axis];
         *count = if position.is_null() { 0 } else { i32::try_from(position.as_i64()?).ok()? };
     }
-    Some(Report { outcome: report["outcome"].as_str()?.to_owned(), reversals: report["reversals"].as_u64()?, counts })
+    let outcome = report["outcome"].as_str()?.to_owned();
+    Some(Report { outcome, alarms: report["alarms"].to_string(), reversals: report["reversals"].as_u64()?, counts })
 }
 
 #[cfg(test)]
@@ -180,9 +187,9 @@ mod tests {
 
     #[test]
     fn a_report_is_read_and_anything_else_is_not() {
-        let line =
-            "{\"outcome\":\"completed\",\"reversals\":2,\"position_counts\":{\"x\":10,\"y\":-20,\"z\":7},\"more\":[]}";
-        let report = Report { outcome: "completed".into(), reversals: 2, counts: [10, -20, 7, 0] };
+        let line = "{\"outcome\":\"completed\",\"alarms\":[],\"reversals\":2,\
+                    \"position_counts\":{\"x\":10,\"y\":-20,\"z\":7},\"more\":[]}";
+        let report = Report { outcome: "completed".into(), alarms: "[]".into(), reversals: 2, counts: [10, -20, 7, 0] };
         assert_eq!(report_in(line), Some(report));
         assert_eq!(report_in("{\"event\":\"switched\"}"), None);
         assert_eq!(report_in(&line.replace("-20", "0.5")), None);

@@ -1,4 +1,5 @@
-//! The image of a Pico as a UF2 file, which its boot ROM accepts by drag and drop (Microsoft's UF2 specification).
+//! The image of a Pico or Pico 2 as a UF2 file, which its boot ROM accepts by drag and drop (Microsoft's UF2
+//! specification).
 //!
 //! Invariant: every block has 256 bytes of one page of the flash; pages are in order, and bytes without a value are 0.
 
@@ -12,18 +13,20 @@ const MAGIC_SECOND: u32 = 0x9e5d_5157;
 const MAGIC_LAST: u32 = 0x0ab1_6f30;
 /// The block names the family of its chip.
 const HAS_FAMILY: u32 = 0x2000;
-const RP2040: u32 = 0xe48b_ff56;
+/// Families of the chips; of an RP2350, an image for its Arm processors in their secure state.
+pub(super) const RP2040: u32 = 0xe48b_ff56;
+pub(super) const RP2350: u32 = 0xe48b_ff59;
 /// Begin and end of the flash.
 const FLASH: std::ops::Range<u32> = 0x1000_0000..0x1100_0000;
 /// Bytes of an entry of the program header table, and the kind that is loaded.
 const PROGRAM_HEADER: usize = 32;
 const LOADED: u32 = 1;
 
-/// Converts an ELF file.
+/// Converts an ELF file, for a chip of this family.
 ///
 /// # Errors
 /// The file is truncated, or has bytes that are not in flash.
-pub(super) fn convert(elf: &[u8]) -> Result<Vec<u8>, String> {
+pub(super) fn convert(elf: &[u8], family: u32) -> Result<Vec<u8>, String> {
     let pages = pages(elf).ok_or("the ELF file is cut short")?;
     if let Some(address) = pages.keys().find(|&address| !FLASH.contains(address)) {
         return Err(format!("the image has bytes at {address:#x}, which is not flash"));
@@ -31,7 +34,7 @@ pub(super) fn convert(elf: &[u8]) -> Result<Vec<u8>, String> {
     let mut blocks = Vec::with_capacity(pages.len() * 512);
     for (number, (address, page)) in pages.iter().enumerate() {
         let count = pages.len() as u32;
-        let head = [MAGIC_FIRST, MAGIC_SECOND, HAS_FAMILY, *address, PAGE as u32, number as u32, count, RP2040];
+        let head = [MAGIC_FIRST, MAGIC_SECOND, HAS_FAMILY, *address, PAGE as u32, number as u32, count, family];
         blocks.extend(head.iter().flat_map(|word| word.to_le_bytes()));
         blocks.extend(page);
         blocks.extend([0; 476 - PAGE]);
@@ -78,10 +81,10 @@ mod tests {
 
     #[test]
     fn bytes_are_in_the_blocks_of_their_pages() {
-        let file = convert(&sample(0x1000_00fe, &[1, 2, 3, 4])).expect("an image");
+        let file = convert(&sample(0x1000_00fe, &[1, 2, 3, 4]), RP2350).expect("an image");
         assert_eq!(file.len(), 2 * 512);
         let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
-        assert_eq!((word(12), word(20), word(24)), (0x1000_0000, 0, 2));
+        assert_eq!((word(12), word(20), word(24), word(28)), (0x1000_0000, 0, 2, RP2350));
         assert_eq!((word(512 + 12), word(512 + 20), word(512 + 24)), (0x1000_0100, 1, 2));
         assert_eq!(file[32 + 254..32 + 256], [1, 2]);
         assert_eq!(file[512 + 32..512 + 35], [3, 4, 0]);
@@ -90,8 +93,8 @@ mod tests {
 
     #[test]
     fn what_is_not_flash_or_cut_short_is_refused() {
-        assert!(convert(&sample(0x2000_0000, &[1])).is_err_and(|reason| reason.contains("0x20000000")));
+        assert!(convert(&sample(0x2000_0000, &[1]), RP2040).is_err_and(|reason| reason.contains("0x20000000")));
         let elf = sample(0x1000_0000, &[1, 2, 3]);
-        assert!((0..elf.len()).all(|end| convert(&elf[..end]).is_err()));
+        assert!((0..elf.len()).all(|end| convert(&elf[..end], RP2040).is_err()));
     }
 }

@@ -48,7 +48,7 @@ pub enum Machine {
         /// The machine file.
         file: PathBuf,
         /// Compare it with the card at this port, `PATH[@BAUD]`, or with a board for which there is firmware, `pico`,
-        /// `f401`, `f405` or `f411`: step rates, control period, axes, inputs and outputs.
+        /// `pico2`, `f401`, `f405` or `f411`: step rates, control period, axes, inputs and outputs.
         #[arg(long, value_name = "PORT|BOARD")]
         card: Option<String>,
         /// One JSON object on standard output: `errors` and `warnings`, each with `number`, `cause` and `remedy`.

@@ -10,14 +10,14 @@ use retrace_link::{CardIdentity, Outputs};
 mod processor;
 pub(crate) mod stopwatch;
 
-#[cfg(feature = "rp2040")]
+#[cfg(feature = "pico")]
 mod rp2040;
-#[cfg(not(feature = "rp2040"))]
+#[cfg(not(feature = "pico"))]
 mod stm32f4;
 
-#[cfg(feature = "rp2040")]
+#[cfg(feature = "pico")]
 pub(crate) use rp2040::Rp2040 as ThisBoard;
-#[cfg(not(feature = "rp2040"))]
+#[cfg(not(feature = "pico"))]
 pub(crate) use stm32f4::Stm32f4 as ThisBoard;
 
 /// What the main loop needs of a board: a line, a step generator, outputs, inputs, and a few facts about the chip.

@@ -4,8 +4,8 @@
 //! the direction is stable for its set-up time before every rising edge and after every falling edge; the intervals
 //! between the pulses of a period differ by at most [`JOINT`] + 1 ticks. Whatever the card accepts fits.
 
-use super::CLOCK_HZ;
 use super::pio_programs::high_ticks;
+use super::{CHIP, CLOCK_HZ, Chip};
 use crate::step_batch::StepShape;
 
 /// Additional ticks of a word, before its first pulse.
@@ -20,8 +20,12 @@ const GUARD: u32 = 4 * JOINT + 16;
 const MAX_DELAY: u32 = (1 << 20) - 1;
 const MAX_PULSES: u32 = (1 << 10) - 1;
 const LAST: u32 = 1 << 31;
-/// Least time that a step is low, in cycles, where the pulses are longer than that.
-const LOW_CYCLES: u32 = 175;
+/// Least time that a step is low, in cycles, where the pulses are longer than that: 1.4 µs, and 1 µs at the higher rate
+/// of the RP2350.
+const LOW_CYCLES: u32 = match CHIP {
+    Chip::Rp2040 => 175,
+    Chip::Rp2350 => 150,
+};
 /// Dividers of the state machines' clock, so that every period of whole microseconds is a whole number of ticks.
 const DIVIDERS: [u32; 3] = [1, 5, 25];
 /// Words of a period at most.
@@ -282,8 +286,9 @@ mod tests {
                     let shape = shape(period_us, pulse_ns, setup_ns);
                     let ticks = StepTicks::of(&shape);
                     let Some(most) = most_pulses(&shape) else { continue };
-                    assert!(ticks.high() * ticks.divider * 8 >= u32::from(pulse_ns));
-                    assert_eq!(ticks.period * ticks.divider, period_us * 125);
+                    let high = u64::from(ticks.high() * ticks.divider) * 1_000_000_000 / u64::from(CLOCK_HZ);
+                    assert!(high + 1 >= u64::from(pulse_ns));
+                    assert_eq!(ticks.period * ticks.divider, period_us * (CLOCK_HZ / 1_000_000));
                     let axis = after_full_period(&ticks, most);
                     for pulses in [1, 2, most / 2, most - 1, most].into_iter().filter(|&pulses| pulses > 0) {
                         let words = axis.clone().begin_period(&ticks, -pulses, false);
@@ -316,7 +321,9 @@ mod tests {
 
     #[test]
     fn long_pulses_divide_the_clock() {
-        for (pulse_ns, divider) in [(4104, 1), (4105, 5), (20_520, 5), (20_521, 25), (u16::MAX, 25)] {
+        let longest = |divider: u32| (high_ticks(31) * divider * 1000 / (CLOCK_HZ / 1_000_000)) as u16;
+        let [one, five] = [longest(1), longest(5)];
+        for (pulse_ns, divider) in [(one, 1), (one + 1, 5), (five, 5), (five + 1, 25), (u16::MAX, 25)] {
             let ticks = StepTicks::of(&shape(1000, pulse_ns, 1000));
             assert_eq!(ticks.divider, divider, "{pulse_ns} ns");
             assert!(ticks.high_loops <= 31);

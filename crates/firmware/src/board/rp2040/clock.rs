@@ -1,8 +1,9 @@
-//! The clock tree: 125 MHz from the crystal of 12 MHz (RP2040 data sheet, 2.15 … 2.18).
+//! The clock tree: 125 MHz from the crystal of 12 MHz, 150 MHz on an RP2350 (RP2040 data sheet, 2.15 … 2.18).
 //!
 //! Invariant: every wait is bounded; without the crystal or the PLL, whose rates steps and line need, the chip halts
 //! here, with every pin still an input.
 
+use super::chip::{PERIPHERALS, SYSTEM};
 use super::registers::{
     CLOCK_PERIPHERAL_CONTROL, CLOCK_REF_CONTROL, CLOCK_REF_SELECTED, CLOCK_SYS_CONTROL, CLOCK_SYS_SELECTED,
     CLOCK_USB_CONTROL, CRYSTAL_CONTROL, CRYSTAL_STARTUP, CRYSTAL_STATUS, Pll, RESET, RESET_DONE,
@@ -12,20 +13,16 @@ use retrace_firmware::rp2040::CLOCK_HZ;
 /// Frequency of the crystal, in MHz.
 pub(super) const CRYSTAL_MHZ: u32 = 12;
 /// A PLL multiplies the crystal's frequency, and divides twice.
-struct Factors {
-    multiplier: u32,
-    dividers: [u32; 2],
+pub(super) struct Factors {
+    pub(super) multiplier: u32,
+    pub(super) dividers: [u32; 2],
 }
-const SYSTEM: Factors = Factors { multiplier: 125, dividers: [6, 2] };
 const USB: Factors = Factors { multiplier: 100, dividers: [5, 5] };
 const fn mhz(factors: &Factors) -> u32 {
     CRYSTAL_MHZ * factors.multiplier / factors.dividers[0] / factors.dividers[1]
 }
 const _: () = assert!(mhz(&SYSTEM) * 1_000_000 == CLOCK_HZ && mhz(&USB) == 48);
 
-/// The peripherals of this firmware (data sheet, 2.14.3): the pins, both blocks of state machines, both PLLs, the
-/// timer, UART0 and the USB controller.
-const PERIPHERALS: u32 = 1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13 | 1 << 21 | 1 << 22 | 1 << 24;
 const STABLE: u32 = 1 << 31;
 /// Power-down bits of the PLL: itself, its dividers, its oscillator.
 const PLL_OFF: u32 = 1;

@@ -1,8 +1,11 @@
-//! The board of a Raspberry Pi Pico: one file per peripheral.
+//! The board of a Raspberry Pi Pico or Pico 2: one file per peripheral, and one per chip with what differs.
 //!
 //! Invariant: each register is written by one context only, the main loop or one interrupt, after [`Board::start`].
 //! Steps are made without an interrupt.
 
+#[cfg_attr(feature = "rp2040", path = "chip_rp2040.rs")]
+#[cfg_attr(feature = "rp2350", path = "chip_rp2350.rs")]
+mod chip;
 mod clock;
 mod encoder;
 mod line;
@@ -22,7 +25,7 @@ use super::{Board, stopwatch};
 use line::Line;
 use step_generator::StepGenerator;
 
-/// A Raspberry Pi Pico.
+/// A Raspberry Pi Pico or Pico 2.
 pub(crate) struct Rp2040 {
     steps: StepGenerator,
     line: Line,

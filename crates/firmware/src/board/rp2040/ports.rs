@@ -2,6 +2,7 @@
 //!
 //! Invariant: an output pin has its level before it becomes an output.
 
+use super::chip::FORCED_LOW;
 use super::registers::{PINS_IN, PINS_OUT, PINS_OUTPUT_ENABLE, pin_control, pin_pad};
 use retrace_firmware::AXES;
 use retrace_firmware::rp2040::pins::{
@@ -15,8 +16,6 @@ const UART: u32 = 2;
 const PROCESSOR: u32 = 5;
 const STEP_MACHINES: u32 = 6;
 const FRAME_MACHINE: u32 = 7;
-/// The level is low whatever the function.
-const FORCED_LOW: u32 = 2 << 8;
 /// Pads: input enabled, 4 mA, Schmitt trigger; with a pull-up, or with a pull-down, which a pin has from reset on.
 const PULLED_UP: u32 = 0x5a;
 const PULLED_DOWN: u32 = 0x56;

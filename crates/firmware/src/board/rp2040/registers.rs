@@ -9,14 +9,23 @@
 use core::arch::global_asm;
 use core::ptr::{with_exposed_provenance, with_exposed_provenance_mut};
 
+use super::chip::{self, CLOCKS, RESETS, TIMER, UART0, WATCHDOG, XOSC};
 use crate::board::stopwatch;
 use crate::diagnostics::DIAGNOSTICS;
 
-/// The second stage of the boot: the boot ROM checks these 256 bytes and runs them; they set up the flash and jump to
-/// the vector table behind them.
+/// The second stage of the boot: the boot ROM of an RP2040 checks these 256 bytes and runs them; they set up the flash
+/// and jump to the vector table behind them.
+#[cfg(feature = "rp2040")]
 #[unsafe(link_section = ".boot2")]
 #[used]
 static BOOT_STAGE_2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
+
+/// The image's definition, for the boot ROM of an RP2350 (data sheet, 5.9.5.1): an executable image for the Arm
+/// processors in their secure state, and no other block.
+#[cfg(feature = "rp2350")]
+#[unsafe(link_section = ".image_definition")]
+#[used]
+static IMAGE_DEFINITION: [u32; 5] = [0xffff_ded3, 0x1021_0142, 0x0000_01ff, 0, 0xab12_3579];
 
 // Nothing to do before the memory is initialized. It stands in flash, as `Reset` does: the code is not in RAM yet.
 global_asm!(".section .start, \"ax\"", ".global __pre_init", ".thumb_func", "__pre_init:", "bx lr");
@@ -60,12 +69,6 @@ macro_rules! registers {
     };
 }
 
-const CLOCKS: usize = 0x4000_8000;
-const RESETS: usize = 0x4000_c000;
-const XOSC: usize = 0x4002_4000;
-const UART0: usize = 0x4003_4000;
-const TIMER: usize = 0x4005_4000;
-const WATCHDOG: usize = 0x4005_8000;
 const SIO: usize = 0xd000_0000;
 const USB: usize = 0x5011_0000;
 
@@ -79,18 +82,18 @@ registers! {
     /// Clock of UART0: control.
     CLOCK_PERIPHERAL_CONTROL = CLOCKS + 0x48;
     /// Clock of the USB controller: control.
-    CLOCK_USB_CONTROL = CLOCKS + 0x54;
+    CLOCK_USB_CONTROL = chip::CLOCK_USB_CONTROL;
     /// Peripherals that are held in reset, and those that have come out of it (data sheet, 2.14.3).
     RESET = RESETS;
     RESET_DONE = RESETS + 0x8;
     /// Parts of the chip that the watchdog resets (data sheet, 2.13.5).
-    POWER_WATCHDOG_SELECT = 0x4001_0008;
+    POWER_WATCHDOG_SELECT = chip::POWER_WATCHDOG_SELECT;
     /// Crystal oscillator (data sheet, 2.16.7).
     CRYSTAL_CONTROL = XOSC;
     CRYSTAL_STATUS = XOSC + 0x4;
     CRYSTAL_STARTUP = XOSC + 0xc;
     /// A random bit of the ring oscillator (data sheet, 2.17.8).
-    RANDOM_BIT = 0x4006_001c;
+    RANDOM_BIT = chip::RANDOM_BIT;
     /// UART0 (data sheet, 4.2.8).
     UART_DATA = UART0;
     UART_FLAGS = UART0 + 0x18;
@@ -104,17 +107,16 @@ registers! {
     /// Timer of microseconds: its first alarm (data sheet, 4.6.5).
     TIMER_ALARM = TIMER + 0x10;
     TIMER_NOW = TIMER + 0x28;
-    TIMER_INTERRUPT = TIMER + 0x34;
-    TIMER_INTERRUPT_ENABLE = TIMER + 0x38;
+    TIMER_INTERRUPT = chip::TIMER_INTERRUPT;
+    TIMER_INTERRUPT_ENABLE = chip::TIMER_INTERRUPT_ENABLE;
     /// Watchdog (data sheet, 4.7.6).
     WATCHDOG_CONTROL = WATCHDOG;
     WATCHDOG_LOAD = WATCHDOG + 0x4;
     WATCHDOG_SCRATCH = WATCHDOG + 0xc;
-    WATCHDOG_TICK = WATCHDOG + 0x2c;
     /// The processor's own access to the pins (data sheet, 2.3.1.7).
     PINS_IN = SIO + 0x4;
     PINS_OUT = SIO + 0x10;
-    PINS_OUTPUT_ENABLE = SIO + 0x20;
+    PINS_OUTPUT_ENABLE = chip::PINS_OUTPUT_ENABLE;
     /// USB controller (data sheet, 4.1.4).
     USB_ADDRESS = USB;
     USB_CONTROL = USB + 0x40;
@@ -124,20 +126,30 @@ registers! {
     USB_REFUSE = USB + 0x68;
     USB_LINES = USB + 0x74;
     USB_POWER = USB + 0x78;
-    /// Interrupts that are enabled, of the processor (ARMv6-M, B3.4).
-    INTERRUPT_ENABLE = 0xe000_e100;
+}
+
+/// Enables an interrupt of the processor (ARMv6-M, B3.4; ARMv8-M, D1.2).
+pub(super) fn enable_interrupt(number: u8) {
+    Register(0xe000_e100 + 4 * (number as usize / 32)).write(1 << (number % 32));
+}
+
+/// Starts the ticks of a microsecond.
+pub(super) fn start_ticks() {
+    for (register, value) in chip::TICKS {
+        Register(register).write(value);
+    }
 }
 
 /// Returns the register that selects a pin's function and overrides its level (data sheet, 2.19.6.1).
 pub(super) const fn pin_control(pin: u8) -> Register {
     assert!(pin < 30);
-    Register(0x4001_4004 + 8 * pin as usize)
+    Register(chip::PINS + 4 + 8 * pin as usize)
 }
 
 /// Returns the register of a pin's pull-up, pull-down and drive (data sheet, 2.19.6.3).
 pub(super) const fn pin_pad(pin: u8) -> Register {
     assert!(pin < 30);
-    Register(0x4001_c004 + 4 * pin as usize)
+    Register(chip::PADS + 4 + 4 * pin as usize)
 }
 
 /// Returns a word of the USB controller's memory, which has no aliases.
@@ -158,8 +170,8 @@ pub(super) enum Pll {
 impl Pll {
     const fn register(self, offset: usize) -> Register {
         let base = match self {
-            Self::System => 0x4002_8000,
-            Self::Usb => 0x4002_c000,
+            Self::System => chip::PLL_SYSTEM,
+            Self::Usb => chip::PLL_USB,
         };
         Register(base + offset)
     }
@@ -278,10 +290,11 @@ pub(super) fn use_vector_table_in_ram() {
 /// Handler of all interrupts, by their numbers (data sheet, 2.3.2). One that is not expected halts the firmware.
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(interrupt: i16) {
+    const UART: i16 = chip::UART_INTERRUPT as i16;
     let entered = stopwatch::now();
     match interrupt {
         0 => super::encoder::take_sample(),
-        20 => super::serial::take_received(),
+        UART => super::serial::take_received(),
         _ => crate::halt(),
     }
     DIAGNOSTICS.record_interrupt(stopwatch::between(entered, stopwatch::now()));

@@ -3,9 +3,10 @@
 //! Invariant: nothing here waits. A byte that arrives while the ring is full is dropped and counted; the frames'
 //! checksums detect it.
 
+use super::chip::UART_INTERRUPT;
 use super::registers::{
-    INTERRUPT_ENABLE, UART_CONTROL, UART_DATA, UART_DIVISOR, UART_FLAGS, UART_FRACTION, UART_INTERRUPT_CLEAR,
-    UART_INTERRUPT_MASK, UART_LEVELS, UART_LINE,
+    UART_CONTROL, UART_DATA, UART_DIVISOR, UART_FLAGS, UART_FRACTION, UART_INTERRUPT_CLEAR, UART_INTERRUPT_MASK,
+    UART_LEVELS, UART_LINE, enable_interrupt,
 };
 use crate::diagnostics::{DIAGNOSTICS, increment};
 use retrace_firmware::ring::ByteRing;
@@ -28,6 +29,9 @@ const OVERRUN: u32 = 1 << 11;
 
 static RING: ByteRing<ROOM> = ByteRing::new();
 
+/// Interrupt of the timer's first alarm.
+const TIMER_ALARM_INTERRUPT: u8 = 0;
+
 /// Starts the serial line; its pins are configured by the ports. The interrupts of the encoder are enabled with it.
 pub(super) fn start() {
     UART_DIVISOR.write(DIVIDER / 64);
@@ -38,7 +42,8 @@ pub(super) fn start() {
     UART_LEVELS.write(1 << 3);
     UART_INTERRUPT_MASK.write(RECEIVED);
     UART_CONTROL.write(1 | 1 << 8 | 1 << 9);
-    INTERRUPT_ENABLE.write(1 << 20 | 1);
+    enable_interrupt(UART_INTERRUPT);
+    enable_interrupt(TIMER_ALARM_INTERRUPT);
 }
 
 /// Returns the next received byte.

@@ -2,22 +2,19 @@
 //!
 //! Invariant: its reset is that of the whole chip: every pin becomes an input with a pull-down.
 
-use super::clock::CRYSTAL_MHZ;
-use super::registers::{POWER_WATCHDOG_SELECT, WATCHDOG_CONTROL, WATCHDOG_LOAD, WATCHDOG_SCRATCH, WATCHDOG_TICK};
+use super::chip::{WATCHDOG_COUNTS_PER_US, WHOLE_CHIP};
+use super::registers::{POWER_WATCHDOG_SELECT, WATCHDOG_CONTROL, WATCHDOG_LOAD, WATCHDOG_SCRATCH, start_ticks};
 
 /// Time without a sign of the main loop after which the chip is reset, in microseconds: longer than the longest
 /// computation, which is that of the braking tables at an opening.
 const TIMEOUT_US: u32 = 50_000;
-/// The count is decremented twice per microsecond (erratum RP2040-E1).
-const COUNT: u32 = 2 * TIMEOUT_US;
+const COUNT: u32 = WATCHDOG_COUNTS_PER_US * TIMEOUT_US;
 const ENABLE: u32 = 1 << 30;
-/// All parts of the chip but its two oscillators.
-const WHOLE_CHIP: u32 = 0x1fffc;
 
 /// Starts the ticks of a microsecond, which the timer needs too, and the watchdog.
 pub(super) fn start() {
     WATCHDOG_CONTROL.clear_bits(ENABLE);
-    WATCHDOG_TICK.write(1 << 9 | CRYSTAL_MHZ);
+    start_ticks();
     POWER_WATCHDOG_SELECT.write(WHOLE_CHIP);
     feed();
     WATCHDOG_CONTROL.set_bits(ENABLE);
