@@ -68,7 +68,8 @@ export class Board {
     this.watchdogAt = undefined;
     for (const { address, bytes } of this.image.segments) this.mcu.flash.set(bytes, address - FLASH);
     this.mcu.pio.forEach((pio) => this.amend(pio));
-    for (const pin of this.mcu.gpio) pin.addListener(() => pin.setInputValue(pin.value === 1));
+    // what is driven is also read; an input keeps the level that it is given
+    for (const pin of this.mcu.gpio) pin.addListener(() => pin.value <= 1 && pin.setInputValue(pin.value === 1));
     const watchdog = this.mcu.peripherals[WATCHDOG];
     watchdog.onWatchdogTrigger = () => {
       this.watchdogAt ??= this.cycles;

@@ -3,17 +3,17 @@
 //
 // Standard output is a sequence of messages: a byte 0, a length of two bytes (low byte first) and so many bytes of the
 // card; a byte 1 and the number of bytes that the card has received since the last one, in two bytes; or a byte 2 and 1
-// with the event, 2 once it is over. The other side keeps 256 bytes under way at most: a buffer between a host that is
-// in real time and a slow card would only delay acknowledgements.
+// with the event, 2 once it is over, 3 once the card can be reached. The other side keeps 256 bytes under way at most:
+// a buffer between a host that is in real time and a slow card would only delay acknowledgements.
 //
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
-// Usage: node card.mjs IMAGE uart|usb [EVENT PULSES]
-// EVENT happens in motion, once so many pulses were seen at the pins and the spindle is on: `freeze` (the processor does
-// nothing any more), `panic` (the firmware finds a defect of its own), `cut` (the line is cut, in both directions),
-// `unplug` (so is the USB cable, the card keeps its power), `kill` (the other side is to end the host; what it sends
-// meanwhile is lost, and its port is closed). It is over half a second of the chip's time later, or with the reset by the
-// watchdog: the run ends then, but after `unplug` and `kill` the card can be reached again and the run goes on.
+// Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
+// and the spindle is on: `freeze` (the processor does nothing any more), `panic` (the firmware finds a defect of its
+// own), `cut` (the line is cut, in both directions), `unplug` (so is the USB cable, the card keeps its power), `kill`
+// (the other side is to end the host; what it sends meanwhile is lost, and its port is closed). It is over half a
+// second of the chip's time later, or with the reset by the watchdog: the run ends then, but after `unplug` and `kill`
+// the card can be reached again and the run goes on.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
 import { findings } from './findings.mjs';
@@ -36,7 +36,7 @@ for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
 
 const toCard = [];
 const fromCard = [];
-let [ended, cut, isOver, nextByte, received, happened] = [false, false, false, 0, 0, undefined];
+let [ended, cut, isOver, isReady, nextByte, received, happened] = [false, false, false, false, 0, 0, undefined];
 /** Cycles from the event until the spindle was off. */
 let spindleOff;
 uart.onByte = (byte) => !cut && line === 'uart' && fromCard.push(byte);
@@ -84,7 +84,12 @@ function feedUsb() {
 }
 
 function send(kind, count, bytes) {
-  writeSync(1, Uint8Array.from([kind, count & 255, count >> 8, ...bytes]));
+  try {
+    writeSync(1, Uint8Array.from([kind, count & 255, count >> 8, ...bytes]));
+  } catch (error) {
+    // the other side has ended, and the input will
+    if (error.code !== 'EPIPE') throw error;
+  }
 }
 
 function slice() {
@@ -93,6 +98,10 @@ function slice() {
     board.run(Math.min(end, board.cycles + BYTE / 2));
     if (event && !happened && scope.pulses >= +pulses && spindleIsOn()) happen();
     if (happened && !spindleIsOn()) spindleOff ??= board.cycles - happened.at;
+  }
+  if (!isReady && (!usb || usb.isReady)) {
+    isReady = true;
+    send(2, 3, []);
   }
   if (fromCard.length > 0) send(0, fromCard.length, fromCard.splice(0));
   if (received > 0) send(1, received, []);

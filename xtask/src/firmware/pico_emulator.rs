@@ -56,6 +56,8 @@ impl Line {
 /// State of the event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum EventState {
+    /// The card can be reached: it was found on USB.
+    Ready,
     /// It has happened.
     Happened,
     /// What came of it has been seen; the card can be reached again, if the event allows it.
@@ -105,7 +107,10 @@ impl PicoEmulator {
         let (messages, is_over) = (reader(output), Arc::clone(&over));
         let (sender, events) = channel();
         let bridge = std::thread::spawn(move || bridge(pty, input, &messages, &sender, &is_over));
-        Ok(Self { child, line, errors: Some(errors), bridge: Some(bridge), over, events })
+        let emulator = Self { child, line, errors: Some(errors), bridge: Some(bridge), over, events };
+        // a host does not wait as long for a card as this takes on a busy computer
+        emulator.wait_for(EventState::Ready)?;
+        Ok(emulator)
     }
 
     /// Waits until the event is in this state.
@@ -188,7 +193,13 @@ fn read_message(from: &mut impl Read) -> std::io::Result<Message> {
     match head[0] {
         0 => {}
         1 => return Ok(Message::Received(count)),
-        _ => return Ok(Message::Event(if count == 1 { EventState::Happened } else { EventState::Over })),
+        _ => {
+            return Ok(Message::Event(match count {
+                1 => EventState::Happened,
+                2 => EventState::Over,
+                _ => EventState::Ready,
+            }));
+        }
     }
     let mut bytes = vec![0; count];
     from.read_exact(&mut bytes)?;

@@ -15,6 +15,8 @@ use serde_json::{Value, json};
 pub(super) const AXES: usize = 4;
 /// Bytes that the card takes before a period: as many as a line of 1 Mbaud carries in 1 ms.
 const BYTES: usize = 100;
+/// Period from which on the handwheel is turned: counts before the path of a job begins are not reported.
+const HAND_FROM: usize = 300;
 /// Levels of the card's inputs while every contact is open.
 const OPEN_CONTACTS: u16 = 0x3f;
 
@@ -37,8 +39,6 @@ pub(super) struct Surroundings {
     pub switch: Option<(usize, i64)>,
     /// Period from which on input 1 is closed.
     pub trips_at: Option<usize>,
-    /// Turns the handwheel's encoder.
-    pub hand: Option<Random>,
     /// Period from which on nothing of the host arrives.
     pub dies_at: Option<usize>,
 }
@@ -52,6 +52,8 @@ pub(super) struct PicoPort {
     outgoing: VecDeque<u8>,
     incoming: VecDeque<u8>,
     around: Surroundings,
+    /// Turns the handwheel's encoder.
+    pub hand: Option<Random>,
     /// Counts by which the hand turns at present.
     turning: i16,
     /// Pulses counted at the pins.
@@ -79,6 +81,7 @@ impl PicoPort {
             outgoing: VecDeque::new(),
             incoming: VecDeque::new(),
             around,
+            hand: None,
             turning: 0,
             positions: [0; AXES],
             given: Vec::new(),
@@ -133,7 +136,7 @@ impl PicoPort {
 
     /// Turns the encoder: in bursts, and to and fro.
     fn turn(&mut self) -> i16 {
-        let Some(hand) = &mut self.around.hand else { return 0 };
+        let Some(hand) = self.hand.as_mut().filter(|_| self.given.len() >= HAND_FROM) else { return 0 };
         if hand.up_to(40) == 0 {
             self.turning = hand.up_to(8) as i16 - 4;
         }
