@@ -3,6 +3,7 @@
 //! Invariant: a picture that is neither measured nor of a screen depends on this checkout alone, so that generating it
 //! again changes nothing.
 
+use crate::firmware::target_folder;
 use crate::suite;
 use retrace_task_support::{process, tools};
 use std::fs;
@@ -25,6 +26,8 @@ enum Made {
     Plot(&'static [&'static str]),
     /// An example of a package prints it.
     Example { package: &'static str, example: &'static str },
+    /// The wiring of a board of the firmware, which is a workspace of its own.
+    Wiring(&'static str),
     /// A picture of the page in a browser, which an example of the tests prints. Its figures and texts differ a little
     /// from run to run.
     Page { example: &'static str },
@@ -48,6 +51,8 @@ pub(crate) const FIGURES: &[Figure] = &[
     Figure { file: "corner.svg", made: Made::Example { package: "retrace-motion", example: "corner_figure" } },
     Figure { file: "page.png", made: Made::Page { example: "page_picture" } },
     Figure { file: "pre-scan.svg", made: Made::Bench("pre9") },
+    Figure { file: "wiring-pico.svg", made: Made::Wiring("pico") },
+    Figure { file: "wiring-stm32f4.svg", made: Made::Wiring("stm32f4") },
 ];
 
 /// Generates all pictures, or those that are named, and returns whether all succeeded.
@@ -78,6 +83,12 @@ impl Figure {
             Made::Plot(arguments) => retrace(root, &[&["plot"], *arguments, &["-o", path]].concat()),
             Made::Example { package, example } => {
                 let picture = printed(root, &["-p", package, "--example", example])?;
+                fs::write(root.join(path), picture).map_err(|error| error.to_string())
+            }
+            Made::Wiring(board) => {
+                let folder = root.join("crates/firmware");
+                let mut command = process::cargo(&folder, &["run", "-q", "--locked", "--example", "wiring", board]);
+                let picture = output_of(command.env("CARGO_TARGET_DIR", target_folder(root).join("firmware")))?;
                 fs::write(root.join(path), picture).map_err(|error| error.to_string())
             }
             Made::Page { .. } if tools::browser().is_none() => return Ok(Some("NOT RUN: no browser".into())),

@@ -17,6 +17,7 @@ mod uf2;
 use std::path::Path;
 use std::time::Duration;
 
+pub(crate) use build::target_folder;
 use build::{Board, Build};
 use emulator::Emulator;
 pub(crate) use pico::comparison_environment;
