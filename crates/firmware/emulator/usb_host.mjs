@@ -24,6 +24,9 @@ const BYTE = (8 * US) / 12;
 const OVERHEAD = 13;
 /** Cycles that the firmware has to wait between what is in a buffer's control and that it is valid: three of 48 MHz. */
 const SETTLED = 8;
+/** Part of a frame of 1 ms in which the card may offer a packet (erratum RP2040-E15), and what it may be off. */
+const OFFERED = 800 * US;
+const LATE = 5 * US;
 /** Longest wait for the end of a request. */
 const PATIENCE = 500 * MS;
 const PACKET = 64;
@@ -154,6 +157,7 @@ export class UsbHost {
   /** Does what is due on the bus. Returns the number of bytes of `toCard` that the card has taken. */
   serve(toCard) {
     const now = this.board.cycles;
+    if (this.plugged) this.usb.sofFrameNumber = Math.floor(now / MS) & 0x7ff;
     if (!this.plugged || now < this.busyUntil) return 0;
     if (this.control?.until !== undefined) {
       if (now >= this.control.until) this.advance();
@@ -279,6 +283,10 @@ export class UsbHost {
     const before = this.written.get(offset);
     this.written.set(offset, { value, at: this.board.cycles });
     if (!(value & AVAILABLE)) return;
+    const isToHost = this.inEndpoint > 0 && offset === 0x80 + 8 * this.inEndpoint;
+    if (isToHost && this.isOpen && this.board.cycles % MS > OFFERED + LATE) {
+      throw new Error('a packet is offered in the last part of a frame');
+    }
     if (before?.value !== (value & ~AVAILABLE) || this.board.cycles - before.at < SETTLED) {
       throw new Error(`a buffer's control at ${offset.toString(16)} is valid before it is settled`);
     }

@@ -11,6 +11,7 @@ pub mod pio_programs;
 pub mod quadrature;
 pub mod step_words;
 pub mod usb_control;
+pub mod usb_frame;
 
 use retrace_link::{CardIdentity, PROTOCOL};
 

@@ -120,6 +120,7 @@ registers! {
     /// USB controller (data sheet, 4.1.4).
     USB_ADDRESS = USB;
     USB_CONTROL = USB + 0x40;
+    USB_FRAME = USB + 0x48;
     USB_SIE_CONTROL = USB + 0x4c;
     USB_SIE_STATUS = USB + 0x50;
     USB_BUFFERS_DONE = USB + 0x58;

@@ -4,10 +4,11 @@
 //! refuses the host's packets until then, so no byte is lost. A packet is never full, so the host has it at once.
 
 use super::registers::{
-    USB_ADDRESS, USB_BUFFERS_DONE, USB_CONTROL, USB_LINES, USB_POWER, USB_REFUSE, USB_SIE_CONTROL, USB_SIE_STATUS,
-    usb_memory,
+    TIMER_NOW, USB_ADDRESS, USB_BUFFERS_DONE, USB_CONTROL, USB_FRAME, USB_LINES, USB_POWER, USB_REFUSE,
+    USB_SIE_CONTROL, USB_SIE_STATUS, usb_memory,
 };
 use retrace_firmware::rp2040::usb_control::{ControlReply, DATA_ENDPOINT, PACKET, TO_HOST, reply};
+use retrace_firmware::rp2040::usb_frame::UsbFrame;
 
 /// Words of the controller's memory, and where things are in it: the control of endpoints, of their buffers, and the
 /// buffers of endpoint 0, of data to the host, from the host, and of notifications.
@@ -83,6 +84,7 @@ pub(super) struct UsbLine {
     /// Bytes for the next packet.
     sending: [u8; PACKET],
     sending_count: usize,
+    frame: UsbFrame,
     /// Position and number of the received bytes in their buffer.
     received: (usize, usize),
 }
@@ -110,6 +112,7 @@ impl UsbLine {
             is_sending: false,
             sending: [0; PACKET],
             sending_count: 0,
+            frame: UsbFrame::new(),
             received: (0, 0),
         }
     }
@@ -134,7 +137,9 @@ impl UsbLine {
             USB_SIE_STATUS.write(REQUEST);
             self.handle_request();
         }
-        self.send_packet();
+        if self.frame.may_offer(USB_FRAME.read(), TIMER_NOW.read()) {
+            self.send_packet();
+        }
     }
 
     /// Handles the buffers that the host has fetched or filled.

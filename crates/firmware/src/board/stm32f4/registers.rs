@@ -90,6 +90,8 @@ mod step_stream {
 #[cfg(not(feature = "qemu"))]
 pub(crate) fn start_step_stream(buffers: &'static [SlotBuffer; 2]) {
     rcc().ahb1enr().modify(|_, w| w.dma2en().enabled());
+    // a clock is there some cycles after it was enabled (erratum of these chips): a read takes that long
+    let _ = rcc().ahb1enr().read();
     let stream = dma2().st(step_stream::NUMBER);
     let [first, second] = buffers.each_ref().map(|buffer| buffer.as_ptr().expose_provenance() as u32);
     let port = port_a().bsrr().as_ptr().expose_provenance() as u32;

@@ -43,6 +43,8 @@ mod stream {
         set_priority(chip::Interrupt::DMA2_STREAM5, PRIORITY);
         unmask(chip::Interrupt::DMA2_STREAM5);
         registers::rcc().apb2enr().modify(|_, w| w.tim1en().enabled());
+        // as for the DMA
+        let _ = registers::rcc().apb2enr().read();
         tim1().arr().write(|w| w.arr().set((RATES.slot_timer / SLOT_HZ - 1) as u16));
         tim1().dier().write(|w| w.ude().enabled());
         tim1().cr1().write(|w| w.cen().enabled());
