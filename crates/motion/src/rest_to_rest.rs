@@ -37,6 +37,9 @@ fn flowing(blocks: &[PathBlock], (v0, v1): (f64, f64), out: &mut Vec<Span>) -> O
     for k in (1..n).rev() {
         v[k] = v[k].min(reach(v[k + 1], &blocks[k]));
     }
+    if v0 > reach(v[1], &blocks[0]) * (1.0 + 1e-5) {
+        return None;
+    }
     for k in 1..n {
         v[k] = v[k].min(reach(v[k - 1], &blocks[k - 1]));
     }
@@ -64,15 +67,25 @@ pub(crate) fn reach(v: f64, block: &PathBlock) -> f64 {
         let time = if dv * j >= a * a { dv / a + a / j } else { 2.0 * (dv / j).sqrt() };
         (v + 0.5 * dv) * time
     };
-    let (mut low, mut high) = (0.0, block.limits.v.max(v) - v);
-    if distance(high) <= block.length {
-        return v + high;
+    let most = block.limits.v.max(v) - v;
+    if distance(most) <= block.length {
+        return v + most;
     }
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if distance(middle) <= block.length { low = middle } else { high = middle }
+    // Where the acceleration limit is not met, the root x of the change solves x³ + 2vx = length·√j, a convex function;
+    // Newton's steps come from above.
+    let whole = block.length * j.sqrt();
+    let mut x = whole.cbrt().min(whole / (2.0 * v));
+    for _ in 0..8 {
+        x -= (x * (x * x + 2.0 * v) - whole) / (3.0 * x * x + 2.0 * v);
     }
-    v + low * (1.0 - 1e-6)
+    let dv = if x * x * j < a * a {
+        x * x
+    } else {
+        let half = v + 0.5 * a * a / j;
+        let rest = 2.0 * (a * block.length - v * a * a / j);
+        rest / (half + (half * half + rest).max(0.0).sqrt())
+    };
+    v + dv.clamp(0.0, most) * (1.0 - 1e-6)
 }
 
 #[cfg(test)]
@@ -95,6 +108,24 @@ mod tests {
                 .map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) })
                 .collect();
             prop_assert_eq!(check(&blocks, &crawling, KinematicState::default()), Ok(()));
+        }
+    }
+
+    proptest! {
+        /// The speed that is reached is the highest one that a profile without acceleration at its ends reaches.
+        #[test]
+        fn the_speed_at_the_other_end_is_the_highest(v in 0.0..90.0f64, size in -4.0..1.5f64, a in 20.0..900.0f64,
+            j in 500.0..18_000.0f64) {
+            let limits = PathLimits { v: 100.0, a, j };
+            let block = PathBlock { length: 10f64.powf(size), limits, exit_v: f64::MAX };
+            let reached = reach(v, &block);
+            prop_assume!(reached > v + 1e-6);
+            let is_reached = |to: f64| {
+                let (from, to) = (KinematicState::moving(v, 0.0), KinematicState::moving(to, 0.0));
+                fastest(from, to, block.length, limits).is_ok()
+            };
+            prop_assert!(is_reached(reached));
+            prop_assert!(reached == 100.0 || !is_reached(v + (reached - v) * (1.0 + 1e-5)));
         }
     }
 }

@@ -204,17 +204,9 @@ impl Profile {
         })
     }
 
-    /// Time at which place `s` is passed, by bisection: the place never decreases in a profile.
+    /// Time at which place `s` is passed.
     pub(crate) fn time_at(&self, s: f64) -> f64 {
-        if self.growth != 0.0 {
-            return ProfileCursor::new(self).seek_place(s);
-        }
-        let (mut low, mut high) = (0.0, self.duration());
-        for _ in 0..52 {
-            let middle = 0.5 * (low + high);
-            if self.at(middle).s < s { low = middle } else { high = middle }
-        }
-        low
+        ProfileCursor::new(self).seek_place(s)
     }
 
     /// Cuts the profile at time `t` into the part before and the part after.
