@@ -25,14 +25,14 @@ pub(crate) fn play(text: &str, planner: &mut Planner<3>) {
         let Some((head, arguments)) = line.trim_end().trim_end_matches(')').split_once('(') else { continue };
         let function = head.split_whitespace().last().unwrap_or_default();
         let words: Vec<&str> = arguments.split(',').map(str::trim).collect();
-        reader.take(function, &words, planner, tag);
+        reader.execute(function, &words, planner, tag);
     }
     planner.stop(Flags::NONE);
 }
 
 impl CanonReader {
     /// Executes one canonical function.
-    fn take(&mut self, function: &str, words: &[&str], planner: &mut Planner<3>, tag: u32) {
+    fn execute(&mut self, function: &str, words: &[&str], planner: &mut Planner<3>, tag: u32) {
         let number = |k: usize| words.get(k).and_then(|word| word.parse::<f64>().ok()).unwrap_or(0.0);
         let length = |k: usize| number(k) * self.unit;
         match function {
