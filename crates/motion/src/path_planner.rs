@@ -63,7 +63,7 @@ pub(crate) struct PathPlanner<const A: usize> {
 
 /// Straight path before a glide, over the distance in which the state at its start could come from rest: so a plan into
 /// the glide exists. With more, roundings before it get narrower than is needed; with less, plans are not found.
-const LED_IN: f64 = 0.8;
+const STRAIGHT_LEAD_IN: f64 = 0.8;
 /// Largest number of pieces that are planned when a move is accepted, so that no move waits for everything that the
 /// blender releases together; more than a move is ever cut into.
 const MAX_PIECES: usize = 24;
@@ -280,7 +280,7 @@ impl<const A: usize> PathPlanner<A> {
         let tag = self.blender.last_tag();
         self.blender.shorten(out.s);
         let limits = tracks.pair[0].limits;
-        self.blender.forbid_near_end(LED_IN * stopping_distance(out, gentle(limits, out)));
+        self.blender.forbid_near_end(STRAIGHT_LEAD_IN * stopping_distance(out, gentle(limits, out)));
         self.flush_pieces(true);
         let (piece, reached) = self.run.finish_moving(KinematicState::moving(out.v, -out.a), &mut self.emitter);
         if !reached {
