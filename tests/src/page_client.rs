@@ -2,6 +2,7 @@
 //!
 //! Invariant: it uses nothing of retrace, so that it judges what is sent on the wire.
 
+use std::io::ErrorKind::{Interrupted, WouldBlock};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
@@ -249,7 +250,8 @@ impl Page {
             }
             Ok(Message::Close(_)) => Err("closed".into()),
             Ok(_) => Ok(None),
-            Err(tungstenite::Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => Ok(None),
+            // A read with a timeout is not restarted where the process was suspended meanwhile.
+            Err(tungstenite::Error::Io(error)) if matches!(error.kind(), WouldBlock | Interrupted) => Ok(None),
             Err(error) => Err(error.to_string()),
         }
     }

@@ -260,7 +260,7 @@ fn surroundings(random: &mut Random) -> Surroundings {
 #[test]
 #[ignore = "needs the image and its emulator: cargo xtask firmware test, cargo xtask campaign pico"]
 fn pins_of_random_jobs_are_those_of_the_simulator() {
-    let (periods, first) = asked(2500);
+    let (periods, first) = asked(1000);
     let built_in = MachineConfig::built_in().expect("valid");
     let fast = MachineConfig::parse(FAST, "fast").expect("valid");
     let (mut all, mut jobs) = (Compared::default(), 0);
