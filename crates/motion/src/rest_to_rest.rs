@@ -29,6 +29,9 @@ pub(crate) fn plan_between(blocks: &[PathBlock], v0: f64, v1: f64, out: &mut Vec
 /// digits.
 fn flowing(blocks: &[PathBlock], (v0, v1): (f64, f64), out: &mut Vec<Span>) -> Option<()> {
     let n = blocks.len();
+    if n == 0 {
+        return (v0 == v1).then_some(());
+    }
     let mut v = vec![0.0f64; n + 1];
     (v[0], v[n]) = (v0, v1);
     for k in 1..n {
@@ -109,6 +112,14 @@ mod tests {
                 .collect();
             prop_assert_eq!(check(&blocks, &crawling, KinematicState::default()), Ok(()));
         }
+    }
+
+    /// A run whose only block is the stop in it leaves nothing to plan.
+    #[test]
+    fn no_blocks_need_no_plan() {
+        let mut spans = Vec::new();
+        plan(&[], &mut spans);
+        assert!(spans.is_empty() && !plan_between(&[], 1.0, 2.0, &mut spans));
     }
 
     proptest! {
