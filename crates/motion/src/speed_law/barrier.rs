@@ -6,8 +6,9 @@
 //! method on the time and the logarithms of all slacks therefore moves from law to law within the limits. Each step
 //! solves a system of bandwidth 2, so its cost grows with the number of knots only.
 //!
-//! Invariant: the number of steps is fixed, so the result depends on path and start alone. Slacks are positive at the
-//! points where limits are evaluated; what lies between them is for the caller to check.
+//! Invariant: the number of steps is bounded and depends on the law alone, so the result depends on path and start
+//! alone. Slacks are positive at the points where limits are evaluated; what lies between them is for the caller to
+//! check.
 
 use crate::curve::Derivatives;
 use crate::speed_law::law_path::LawWindow;

@@ -21,7 +21,7 @@ mod limit_rows;
 use crate::profile::Profile;
 use crate::speed_law::axis_bound::{clipped, largest_shares};
 use crate::speed_law::barrier::BarrierSolver;
-use crate::speed_law::law_path::LawWindow;
+use crate::speed_law::law_path::{LawSegment, LawWindow};
 
 /// How often a law that exceeds a limit between the points is solved again.
 const ROUNDS: usize = 4;
@@ -69,11 +69,12 @@ impl SpeedLawRefiner {
             if self.lower_used_shares(path) {
                 let law = self.profiles(path);
                 let time: f64 = law.iter().map(Profile::duration).sum();
-                if time >= PAYS * seconds {
-                    return None;
+                // False for a time that is not a number, too.
+                if time < PAYS * seconds {
+                    used.copy_from_slice(&self.solver.used);
+                    return Some(law);
                 }
-                used.copy_from_slice(&self.solver.used);
-                return Some(law);
+                return None;
             }
         }
         None
@@ -106,10 +107,8 @@ impl SpeedLawRefiner {
     fn lower_used_shares<const A: usize>(&mut self, path: LawWindow<'_, A>) -> bool {
         let mut legal = true;
         for (i, segment) in path.segments.iter().enumerate() {
-            let (b, most) = (self.solver.bezier(i), self.largest_share(path, i));
-            let fast = b.into_iter().fold(0.0, f64::max) > segment.v * segment.v * (1.0 + ROUNDING)
-                || b[2] > segment.exit_v * segment.exit_v * (1.0 + ROUNDING);
-            if most > 1.0 + ROUNDING || fast {
+            let most = self.largest_share(path, i);
+            if !is_within_limits(self.solver.bezier(i), most, segment) {
                 legal = false;
                 self.solver.used[i] *= MARGIN / most.max(1.0);
             }
@@ -126,5 +125,35 @@ impl SpeedLawRefiner {
                 Profile::of_squared_speed(self.solver.bezier(i), self.solver.accelerations(i), segment.length)
             })
             .collect()
+    }
+}
+
+/// Whether a segment with these coefficients of v², which uses at most the share `most` of a limit, keeps all limits;
+/// false where a value is not a number.
+fn is_within_limits(b: [f64; 3], most: f64, segment: &LawSegment) -> bool {
+    let is_slow_enough = |b: f64, v: f64| 0.0 < b && b <= v * v * (1.0 + ROUNDING);
+    most <= 1.0 + ROUNDING && b.iter().all(|&b| is_slow_enough(b, segment.v)) && is_slow_enough(b[2], segment.exit_v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_a_number_is_not_within_the_limits() {
+        let segment = LawSegment { length: 1.0, v: 10.0, exit_v: 8.0, is_line: false, parts_end: 1 };
+        assert!(is_within_limits([100.0, 90.0, 64.0], 1.0, &segment));
+        for (b, most) in [
+            ([101.0, 90.0, 64.0], 1.0),
+            ([100.0, 90.0, 65.0], 1.0),
+            ([100.0, 90.0, 64.0], 1.001),
+            ([0.0, 90.0, 64.0], 1.0),
+            ([100.0, f64::NAN, 64.0], 1.0),
+            ([100.0, 90.0, f64::NAN], 1.0),
+            ([100.0, f64::INFINITY, 64.0], 1.0),
+            ([100.0, 90.0, 64.0], f64::NAN),
+        ] {
+            assert!(!is_within_limits(b, most, &segment), "{b:?}, {most}");
+        }
     }
 }
