@@ -4,8 +4,8 @@
 //! the rest of it. Only the number and length of the pieces, and the records after which the override is changed,
 //! decide when a part is committed. Where possible, a run that ends at rest takes whole periods (SMO-9).
 
+mod fallback_plan;
 mod plan_mode;
-mod recovery;
 mod refine;
 mod replan;
 
