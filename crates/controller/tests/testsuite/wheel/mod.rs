@@ -29,6 +29,8 @@ const REST: usize = 300;
 const ROUND: usize = 2 * REST;
 /// Maximum number of records in which the machine comes to rest from full rate.
 const NEAR: u32 = 400;
+/// Records beside a place that a control period may touch.
+const BESIDE: usize = 2;
 
 /// A card whose operator turns the wheel: the actions of a turn are performed while the period before it passes.
 struct Turned {
@@ -232,13 +234,26 @@ impl Case {
         assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
     }
 
-    /// Checks that the rate is never beyond what was requested, for feed or for rapid motion, in the time that a change
-    /// takes, and not below it far from the ends.
+    /// Whether the records next to this place, or the nearest ones that move, are rapid motion: in these programs that
+    /// of Z alone. A move from rest begins with records that have no pulses yet.
+    fn is_rapid_at(&self, place: Place) -> bool {
+        let counts = &self.path.counts;
+        let moves = |at: usize| counts[at] != counts[at + 1];
+        let records = counts.len() - 1;
+        let near = (place.record.number() as usize).min(records - 1);
+        let first = (0..=near).rfind(|&at| moves(at)).unwrap_or(0).saturating_sub(BESIDE);
+        let behind = (near..records).find(|&at| moves(at)).map_or(records, |at| (at + 1 + BESIDE).min(records));
+        (first..behind).any(|at| counts[at][2] != counts[at + 1][2])
+    }
+
+    /// Checks that the rate is never beyond what was requested in the time that a change takes, for feed motion, or for
+    /// rapid motion where there is some, and not below it far from the ends.
     fn is_within_what_was_asked(&self, turn: usize) {
         let period = &self.log.periods[turn];
         let asked = &self.asked[(turn + 1).saturating_sub(ROUND)..=turn];
         // before the first turn nothing was requested
-        let rates = || asked.iter().flat_map(|target| [target.feed, target.rapid]);
+        let is_rapid = self.is_rapid_at(period.place);
+        let rates = || asked.iter().flat_map(|target| [target.feed, if is_rapid { target.rapid } else { target.feed }]);
         let low = rates().chain((turn < ROUND).then_some(Rate::ZERO)).min().unwrap_or(Rate::ZERO);
         let high = rates().max().unwrap_or(Rate::ZERO);
         let rate = period.rate;
