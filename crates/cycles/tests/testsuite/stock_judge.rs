@@ -40,6 +40,7 @@ struct Stock {
 }
 
 impl Stock {
+    /// The blank at random places, and beside the ends of all elements.
     fn blank(part: &Part, dice: &mut Dice) -> Self {
         let (low, high) = (part.end.u, part.start.u + part.allowance.0);
         let mut places: Vec<f64> = (0..1500).map(|_| dice.between(low - 1.0, high)).collect();
@@ -112,22 +113,34 @@ fn well_formed(moves: &[Move]) {
     }
 }
 
+/// Returns the lowest height at which one of these steps has cut at a place.
+fn lowest_cut(steps: &[Step], u: f64) -> f64 {
+    let at = |step: &Step| {
+        let (low, high) = (step.edge.start.u.min(step.edge.end.u), step.edge.start.u.max(step.edge.end.u));
+        let is_passed = !step.rapid && low - CLOSE <= u && u <= high + CLOSE;
+        is_passed.then(|| step.edge.heights(u.clamp(low, high)))
+    };
+    steps.iter().filter_map(at).flatten().flatten().fold(f64::INFINITY, f64::min)
+}
+
 /// No move below the rough contour, no rapid through stock, no cut deeper than the infeed, nothing left.
 fn judge_roughing(case: &Case, path: &Path, seed: u64) {
     well_formed(&path.moves);
     let Case { part, lie, job, .. } = case;
     let mut stock = Stock::blank(part, &mut Dice(seed ^ 1));
-    for step in part::steps(*lie, &path.moves) {
-        for at in points(&step) {
+    let steps = part::steps(*lie, &path.moves);
+    for (number, step) in steps.iter().enumerate() {
+        for at in points(step) {
             let (low, _) = part.rough_around(at.u);
             assert!(at.v >= low - CLOSE, "below the rough contour {low} at {at:?}: {step:?}");
         }
         if step.rapid && (step.from.u - step.edge.end.u).abs() < CLOSE {
             let lowest = step.from.v.min(step.edge.end.v);
-            let height = stock.beside(step.from.u);
+            // Where a tool retracts from the bottom of an arc, the stock at the places on both sides is higher.
+            let height = stock.beside(step.from.u).min(lowest_cut(&steps[..number], step.from.u));
             assert!(lowest >= height - CLOSE, "rapid through stock of {height}: {step:?}");
         }
-        for (u, height, at) in stock.passed(&step) {
+        for (u, height, at) in stock.passed(step) {
             if step.rapid {
                 assert!(at >= *height - CLOSE, "rapid at {u} {at} through stock of {height}: {step:?}");
             } else {
@@ -177,6 +190,14 @@ fn cases() -> u32 {
 #[test]
 fn roughing_takes_nothing_of_the_part_beside_the_upright_start_of_an_arc() {
     let seed = 15_760_046_238_273_249_670;
+    let case = case(seed, true, 0);
+    judge_roughing(&case, &rough_path(&case), seed);
+}
+
+/// A tool retracts from the lowest place of an arc.
+#[test]
+fn a_retract_from_the_bottom_of_an_arc_is_no_rapid_through_stock() {
+    let seed = 5_948_604_037_927_215_557;
     let case = case(seed, true, 0);
     judge_roughing(&case, &rough_path(&case), seed);
 }
