@@ -153,6 +153,12 @@ export class Board {
     }
   }
 
+  /** Stops the state machine that begins the control periods, as a defect of the chip or of its clock would. */
+  stopFrameMachine() {
+    const [, frame] = this.mcu.pio;
+    frame.machines[0].enabled = false;
+  }
+
   /** The address of the only symbol whose name contains this part. */
   addressOf(part) {
     for (const [name, address] of this.image.symbols) if (name.includes(part)) return address;

@@ -9,11 +9,12 @@
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
-// and the spindle is on: `freeze` (the processor does nothing any more), `panic` (the firmware finds a defect of its
-// own), `cut` (the line is cut, in both directions), `unplug` (so is the USB cable, the card keeps its power), `kill`
-// (the other side is to end the host; what it sends meanwhile is lost, and its port is closed). It is over half a
-// second of the chip's time later, or with the reset by the watchdog: the run ends then, but after `unplug` and `kill`
-// the card can be reached again and the run goes on.
+// and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
+// control periods stops), `panic` (the firmware finds a defect of its own), `cut` (the line is cut, in both
+// directions), `unplug` (the USB cable is pulled out, the card keeps its power), `kill` (the other side is to end the
+// host; what it sends meanwhile is lost, and its port is closed). It is over half a second of the chip's time later, or
+// with the reset by the watchdog. The run ends then; after `unplug` and `kill` the card can be reached again, and the
+// run continues.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
 import { findings } from './findings.mjs';
@@ -52,6 +53,7 @@ function happen() {
   if (event === 'unplug') usb.unplug();
   if (event === 'kill') usb.setOpen(false);
   if (event === 'freeze') board.frozen = true;
+  if (event === 'stuck') board.stopFrameMachine();
   if (event === 'panic') board.mcu.core.PC = board.addressOf('rust_begin_unwind') & ~1;
   send(2, 1, []);
 }

@@ -1,7 +1,7 @@
 //! The main loop, and the halt after a defect of the firmware itself.
 //!
 //! Invariant: a step batch is computed only when there is space for it, so that none is ever lost; a delay stretches
-//! time, not the path.
+//! time, not the path. A step generator that takes no more batches ends in the halt, with every output low.
 
 use retrace_card::{InputLevels, LinkedCard};
 use retrace_core::Record;
@@ -13,6 +13,10 @@ use crate::diagnostics::DIAGNOSTICS;
 
 /// Number of bytes fetched from the card at a time.
 const CHUNK: usize = 64;
+/// Cycles without space for a step batch after which the step generator has failed: 70 ms at 168 MHz, 140 ms at 84 MHz,
+/// longer than the two longest control periods. The card's own time is that of the periods, so without them no
+/// watchdog of the card would switch a cutter off.
+const STEP_GENERATOR_TIMEOUT: u32 = 12_000_000;
 
 type Card = LinkedCard<AXES, WINDOW, MEMORY, ENTRIES, &'static mut [Record<AXES>]>;
 
@@ -39,11 +43,15 @@ fn main() -> ! {
     CARD.set_identity(boot::serial_number(board.unique_number()), boot);
     let mut steps = Steps { shape: StepShape::INITIAL, rest: 0 };
     let mut sender = Sender { bytes: [0; CHUNK], at: 0, end: 0 };
+    let mut last_period = board.cycles();
     loop {
         board.feed_watchdog();
         // between commands, so that a frame of many does not make a period late
         if board.can_put_steps() {
             run_period(CARD, &mut board, &mut steps);
+            last_period = board.cycles();
+        } else if stopwatch::between(last_period, board.cycles()) > STEP_GENERATOR_TIMEOUT {
+            halt();
         }
         if !CARD.process_command()
             && let Some(byte) = board.receive()

@@ -116,7 +116,7 @@ impl PicoEmulator {
     /// Waits until the event is in this state.
     ///
     /// # Errors
-    /// It does not come to that.
+    /// The event does not reach this state.
     pub(super) fn wait_for(&self, wanted: EventState) -> Result<(), String> {
         loop {
             match self.events.recv_timeout(PATIENCE) {
@@ -163,7 +163,7 @@ impl Drop for PicoEmulator {
     }
 }
 
-/// What the emulator says at its standard output.
+/// Messages at the standard output of the emulator.
 enum Message {
     /// Bytes from the card.
     Bytes(Vec<u8>),
@@ -223,7 +223,7 @@ fn bridge(
                 Message::Bytes(bytes) if pty.write(&bytes).is_err() => return,
                 Message::Bytes(_) => {}
                 Message::Event(state) => {
-                    // nobody has to wait for it
+                    // the receiver may be gone already
                     let _ = events.send(state);
                 }
             }

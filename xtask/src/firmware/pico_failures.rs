@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::pico::Rig;
 use super::pico_emulator::{EventState, Line, PicoEmulator};
-use retrace_task_support::process;
+use super::test::run_beside_others;
 use serde_json::Value;
 
 /// The program in which something fails, on the built-in machine.
@@ -17,7 +17,7 @@ const PROGRAM: &str = "crates/firmware/emulated.ngc";
 const CYCLES_PER_MS: u64 = 125_000;
 /// Pulses after which something fails: the machine is in the program's first move.
 const IN_MOTION: u32 = 12_000;
-/// Longest time until the command has noticed that a card has failed, or has found it.
+/// Longest time until the command has noticed that a card has failed.
 const LIMIT: Duration = Duration::from_secs(60);
 /// Alarm of the card that its host was silent.
 const SILENT_HOST: &str = "E3011";
@@ -33,10 +33,10 @@ struct Failure {
 }
 
 /// The failures. The firmware finds a defect of its own: no step and no output from then on. The processor does nothing
-/// any more: the steps end with the period that was queued, and the watchdog resets the chip. The line is cut, the USB
-/// cable is pulled out, or the host is killed: the card stops on the path after its watchdog time of 250 ms, and the
-/// spindle is off.
-const FAILURES: [Failure; 5] = [
+/// any more: the steps end with the period that was queued, and the watchdog resets the chip. No control period begins
+/// any more: the firmware sets all outputs low within 100 ms. The line is cut, the USB cable is pulled out, or the host
+/// is killed: the card stops on the path after its watchdog time of 250 ms, and the spindle is off.
+const FAILURES: [Failure; 6] = [
     Failure {
         event: "panic",
         line: Line::Uart,
@@ -52,6 +52,16 @@ const FAILURES: [Failure; 5] = [
         event: "freeze",
         line: Line::Usb,
         judge: |seen| within(seen, "steps_ended", 2 * CYCLES_PER_MS) && within(seen, "watchdog", 51 * CYCLES_PER_MS),
+        goes_on: false,
+    },
+    Failure {
+        event: "stuck",
+        line: Line::Usb,
+        judge: |seen| {
+            within(seen, "steps_ended", 2 * CYCLES_PER_MS)
+                && within(seen, "spindle_off", 100 * CYCLES_PER_MS)
+                && seen["high_pins"] == serde_json::json!([])
+        },
         goes_on: false,
     },
     Failure { event: "cut", line: Line::Uart, judge: host_is_silent, goes_on: false },
@@ -103,10 +113,10 @@ fn run(root: &Path, rig: &Rig, failure: &Failure) -> Result<(), String> {
     greeting.map_or(Ok(()), |greeting| compare(&greeting, &found))
 }
 
-/// Whether the card at rest tells its position as the pins have it, and why it has stopped.
+/// Checks that the card at rest reports the position of the pins, and why it has stopped.
 fn compare(greeting: &Value, found: &Value) -> Result<(), String> {
-    let told = (&greeting["at_rest"], &greeting["alarm"]["number"], &greeting["counts"]);
-    if told != (&Value::Bool(true), &Value::from(SILENT_HOST), &found["net"]) {
+    let reported = (&greeting["at_rest"], &greeting["alarm"]["number"], &greeting["counts"]);
+    if reported != (&Value::Bool(true), &Value::from(SILENT_HOST), &found["net"]) {
         return Err(format!("ends at the counts {}, and the card reports {greeting}", found["net"]));
     }
     Ok(())
@@ -115,12 +125,7 @@ fn compare(greeting: &Value, found: &Value) -> Result<(), String> {
 /// Finds the card once the event is over.
 fn identify(root: &Path, rig: &Rig, emulator: &PicoEmulator) -> Result<Value, String> {
     emulator.wait_for(EventState::Over)?;
-    let log = std::env::temp_dir().join(format!("retrace-xtask-pico-{}", std::process::id()));
-    let ended = process::run(&mut rig.command(root, &["card", "identify", "--json"], emulator), LIMIT, &log)?;
-    for extension in ["out", "err"] {
-        // left behind it would only take room
-        let _ = std::fs::remove_file(log.with_extension(extension));
-    }
+    let ended = run_beside_others("identify", &mut rig.command(root, &["card", "identify", "--json"], emulator))?;
     serde_json::from_str(&ended.output).map_err(|_| format!("leaves a card that is not found: {}", ended.last_words()))
 }
 

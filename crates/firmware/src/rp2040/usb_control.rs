@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(DEVICE[4], 2, "the class of a communication device");
     }
 
-    /// A packet that is full says that more follows; an answer of such a length would need an empty one behind it.
+    /// A full packet announces another one; an answer of such a length would need an empty one behind it.
     #[test]
     fn no_answer_ends_with_a_full_packet() {
         let answers = [&DEVICE[..], &CONFIGURATION, &LANGUAGES, &MANUFACTURER, &PRODUCT_NAME, &LINE_CODING];

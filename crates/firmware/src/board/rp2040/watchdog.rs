@@ -20,7 +20,7 @@ pub(super) fn start() {
     WATCHDOG_CONTROL.set_bits(ENABLE);
 }
 
-/// Starts the time anew.
+/// Restarts the count.
 pub(super) fn feed() {
     WATCHDOG_LOAD.write(COUNT);
 }
