@@ -365,7 +365,7 @@ mod tests {
         }
     }
 
-    /// A template fits a Pico as it is, and a board that has less is told by its figures.
+    /// A template fits a Pico as it is; for a board that has less, a warning names each misfit with its figures.
     #[test]
     fn a_template_for_a_board_names_what_the_board_lacks() {
         let pico = known_boards::identity("pico").expect("known");

@@ -22,7 +22,7 @@ pub enum Machine {
         /// Kind of machine, as an option.
         #[arg(long = "kind", value_enum, value_name = "KIND", conflicts_with = "kind")]
         of_kind: Option<MachineKind>,
-        /// Board that the card runs on: the file begins with what it has, and what does not fit it is told.
+        /// Board that the card runs on. The file begins with the board's figures; a warning names what does not fit.
         #[arg(long, value_name = "BOARD", value_parser = PossibleValuesParser::new(known_boards::NAMES))]
         board: Option<String>,
         /// File to write, standard output by default. An existing file is not overwritten.
