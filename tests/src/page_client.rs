@@ -310,6 +310,18 @@ impl Page {
         self.order_as(&turn, &seen, words)
     }
 
+    /// Gives an order once the machine is free: it may be at rest before it has finished the order before (E2421).
+    pub fn order_when_free(&mut self, words: &str) -> Value {
+        let begun = Instant::now();
+        loop {
+            let answer = self.order(words);
+            if answer["number"] != "E2421" || begun.elapsed() > TIMEOUT {
+                return answer;
+            }
+            self.listen(Duration::from_millis(20));
+        }
+    }
+
     /// Gives an order with this turn and seen state. Returns the answer.
     pub fn order_as(&mut self, turn: &Value, seen: &Value, words: &str) -> Value {
         self.orders += 1;

@@ -236,14 +236,13 @@ fn the_machine_is_set_up_from_a_page() {
     let (server, mut page) = in_control(&bench, LINES, &["--programs", &programs.display().to_string()]);
     done(&page.order("jog x 1.5"));
     page.wait_until("1.5 mm", |page| page.machine_mm(0) == 1.5 && page.last("live")["at_rest"] == true);
-    done(&page.order("zero x"));
+    done(&page.order_when_free("zero x"));
     page.wait_until("the work zero", |page| page.last("live")["work"][0] == 0.0);
-    done(&page.order("mdi G0 X2"));
+    done(&page.order_when_free("mdi G0 X2"));
     refused(&page.order("jog y 1"), "E2421");
     page.wait_until("the block", |page| page.machine_mm(0) == 3.5 && page.last("live")["at_rest"] == true);
     page.wait_until("the end of the block", |page| page.last("state")["word"] == "READY");
-    page.listen(Duration::from_millis(500));
-    done(&page.order("output 3 on"));
+    done(&page.order_when_free("output 3 on"));
     page.wait_until("the output", |page| page.last("state")["outputs"].to_string().contains(r#""channel":3"#));
     refused(&page.order("reverse 100%"), "E2408");
     refused(&page.order("yes"), "E2408");

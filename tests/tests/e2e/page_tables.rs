@@ -122,7 +122,7 @@ fn tables_are_changed_in_control_at_rest_and_not_in_use() {
         "E2425",
     );
     // A length in force belongs to the position that is shown.
-    assert_eq!(tables.page.order("mdi T1 M6 G43")["t"], "done");
+    assert_eq!(tables.page.order_when_free("mdi T1 M6 G43")["t"], "done");
     tables.page.wait_until("the tool", |page| page.last("state")["tool"] == 1);
     tables.page.wait_until("its length", |page| page.last("live")["work"][2] == -50.0);
     tables.page.listen(std::time::Duration::from_millis(300));
@@ -135,7 +135,7 @@ fn tables_are_changed_in_control_at_rest_and_not_in_use() {
     refused(&tables.put("offsets", &g55), 409, "E2423");
     tables.page.send(&json!({"t": "jog_end"}));
     tables.page.listen(std::time::Duration::from_millis(800));
-    assert_eq!(tables.page.order("mdi G49")["t"], "done");
+    assert_eq!(tables.page.order_when_free("mdi G49")["t"], "done");
     tables.page.listen(std::time::Duration::from_millis(500));
     tables.page.wait_for_word("READY");
     assert_eq!(tables.page.order("cycle start")["t"], "done");

@@ -77,7 +77,7 @@ pub(super) fn emulation(root: &Path) -> Result<bool, String> {
     let rig = Rig::build(root)?;
     let emulator = rig.start(root, Line::Usb, None)?;
     let mut command = rig.command(root, &["run", PROGRAM, "--card"], &emulator);
-    let report = job("pico", command.args(["--machine", MACHINE, "--operator", OPERATOR]))?;
+    let report = job(command.args(["--machine", MACHINE, "--operator", OPERATOR]))?;
     let found = emulator.finish()?;
     print_job(&found);
     let mut wrong = wrong_in_job(&found);

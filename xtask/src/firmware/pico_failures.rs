@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::pico::Rig;
 use super::pico_emulator::{EventState, Line, PicoEmulator};
-use super::test::run_beside_others;
+use retrace_task_support::process;
 use serde_json::Value;
 
 /// The program in which something fails, on the built-in machine.
@@ -17,7 +17,7 @@ const PROGRAM: &str = "crates/firmware/emulated.ngc";
 const CYCLES_PER_MS: u64 = 125_000;
 /// Pulses after which something fails: the machine is in the program's first move.
 const IN_MOTION: u32 = 12_000;
-/// Longest time until the command has noticed that a card has failed.
+/// Longest time until the command has noticed that a card has failed, or has found it.
 const LIMIT: Duration = Duration::from_secs(60);
 /// Alarm of the card that its host was silent.
 const SILENT_HOST: &str = "E3011";
@@ -125,7 +125,12 @@ fn compare(greeting: &Value, found: &Value) -> Result<(), String> {
 /// Finds the card once the event is over.
 fn identify(root: &Path, rig: &Rig, emulator: &PicoEmulator) -> Result<Value, String> {
     emulator.wait_for(EventState::Over)?;
-    let ended = run_beside_others("identify", &mut rig.command(root, &["card", "identify", "--json"], emulator))?;
+    let log = std::env::temp_dir().join(format!("retrace-xtask-pico-{}", std::process::id()));
+    let ended = process::run(&mut rig.command(root, &["card", "identify", "--json"], emulator), LIMIT, &log)?;
+    for extension in ["out", "err"] {
+        // left behind it would only take room
+        let _ = std::fs::remove_file(log.with_extension(extension));
+    }
     serde_json::from_str(&ended.output).map_err(|_| format!("leaves a card that is not found: {}", ended.last_words()))
 }
 

@@ -4,7 +4,6 @@
 
 use std::path::Path;
 use std::process::Command;
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use super::build::{self, Board, Build};
@@ -44,55 +43,42 @@ impl From<Result<bool, String>> for Ended {
 const UNIT_TESTS_RP2350: [&str; 7] = ["test", "--locked", "--lib", "--quiet", "--features", "rp2350", "rp2040"];
 
 /// A check: its name, the tools that it needs or which of them is missing, and what does it.
-type Check<'a> = (&'a str, Result<(), String>, fn(&Path) -> Result<bool, String>);
+type Check<'a> = (&'a str, Result<(), String>, &'a dyn Fn(&Path) -> Result<bool, String>);
 
 pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let compiled: [Check; 5] = [
-        ("format", Ok(()), |root| in_firmware(root, &["fmt", "--check"])),
-        ("clippy", Ok(()), |root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
-        ("unit tests", Ok(()), |root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
-        ("unit tests as for an RP2350", Ok(()), |root| in_firmware(root, &UNIT_TESTS_RP2350)),
-        ("size", compilers, sizes),
+    let checks: [Check; 9] = [
+        ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
+        ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
+        ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
+        ("unit tests as for an RP2350", Ok(()), &|root| in_firmware(root, &UNIT_TESTS_RP2350)),
+        ("size", compilers, &sizes),
+        ("emulation", qemu, &emulation),
+        ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
+        ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),
+        ("pins of the Pico against the simulator", rp2040js, &pico::comparison),
     ];
-    // Each emulator has one thread. The longest check comes first.
-    let emulated: [Check; 4] = [
-        ("failures of the Pico", rp2040js.clone(), pico_failures::emulation),
-        ("emulation", qemu, emulation),
-        ("emulation of the Pico", rp2040js.clone(), pico::emulation),
-        ("pins of the Pico against the simulator", rp2040js, pico::comparison),
-    ];
-    let verdict = Mutex::new(Verdict { passed: true, remark: String::new() });
-    let add = |check: &Check| {
-        let (name, ended) = (check.0, end_of(root, check));
-        add_to(&mut verdict.lock().unwrap_or_else(PoisonError::into_inner), name, ended);
-    };
-    compiled.iter().for_each(add);
-    process::each(&emulated, process::workers(), add);
-    verdict.into_inner().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn end_of(root: &Path, (_, tools, check): &Check) -> Ended {
-    match tools {
-        Ok(()) => check(root).into(),
-        Err(missing) => Ended::NotRun(missing.clone()),
+    let mut verdict = Verdict { passed: true, remark: String::new() };
+    for (name, tools, check) in checks {
+        let ended = match tools {
+            Ok(()) => check(root).into(),
+            Err(missing) => Ended::NotRun(missing),
+        };
+        let said = match ended {
+            Ended::Passed => format!("{name} passed"),
+            Ended::NotRun(missing) => format!("{name} NOT RUN: {missing}"),
+            Ended::Failed(reason) => {
+                verdict.passed = false;
+                format!("{name} FAILED: {reason}")
+            }
+        };
+        println!("firmware: {said}");
+        verdict.remark += if verdict.remark.is_empty() { "" } else { ", " };
+        verdict.remark += &said;
     }
-}
-
-fn add_to(verdict: &mut Verdict, name: &str, ended: Ended) {
-    let said = match ended {
-        Ended::Passed => format!("{name} passed"),
-        Ended::NotRun(missing) => format!("{name} NOT RUN: {missing}"),
-        Ended::Failed(reason) => {
-            verdict.passed = false;
-            format!("{name} FAILED: {reason}")
-        }
-    };
-    println!("firmware: {said}");
-    verdict.remark += if verdict.remark.is_empty() { "" } else { ", " };
-    verdict.remark += &said;
+    verdict
 }
 
 /// Runs cargo in the firmware's workspace, for this machine.
@@ -125,7 +111,7 @@ fn emulation(root: &Path) -> Result<bool, String> {
     let mut emulator = Emulator::start(&path, &["-icount", "shift=0"])?;
     let mut command = Command::new(command);
     command.current_dir(root).args(["run", PROGRAM, "--card", emulator.line(), "--machine", MACHINE]);
-    let report = job("qemu", command.args(["--operator", OPERATOR]))?;
+    let report = job(command.args(["--operator", OPERATOR]))?;
     let found = Diagnostics::read(&image, &mut emulator)?;
     let depth = diagnostics::stack_depth(&image, &mut emulator)?;
     println!(
@@ -169,22 +155,17 @@ pub(super) struct Report {
 /// Longest time that a job may take; it takes some 20 s on a busy computer.
 const LIMIT: Duration = Duration::from_secs(300);
 
-/// Runs a job and reads its report. `name` is that of the emulator.
-pub(super) fn job(name: &str, command: &mut Command) -> Result<Report, String> {
-    let ended = run_beside_others(name, command.arg("--json"))?;
-    let report = ended.output.lines().next_back().and_then(report_in);
-    report.ok_or_else(|| format!("the job ended without a report: {}", ended.last_words()))
-}
-
-/// Runs the command to its end, or for a limited time; no other check of this name runs meanwhile.
-pub(super) fn run_beside_others(name: &str, command: &mut Command) -> Result<process::Ended, String> {
-    let log = std::env::temp_dir().join(format!("retrace-xtask-{name}-{}", std::process::id()));
-    let ended = process::run(command, LIMIT, &log);
+/// Runs a job and reads its report.
+pub(super) fn job(command: &mut Command) -> Result<Report, String> {
+    command.arg("--json");
+    let log = std::env::temp_dir().join(format!("retrace-xtask-firmware-{}", std::process::id()));
+    let ended = process::run(command, LIMIT, &log)?;
     for extension in ["out", "err"] {
         // left behind it would only take room
         let _ = std::fs::remove_file(log.with_extension(extension));
     }
-    ended
+    let report = ended.output.lines().next_back().and_then(report_in);
+    report.ok_or_else(|| format!("the job ended without a report: {}", ended.last_words()))
 }
 
 /// The report, from the line of JSON that it is.
