@@ -50,10 +50,12 @@ impl<const A: usize> CheckedSettings<A> {
         let power_is_valid = cutting.beam_power.is_none_or(|power| {
             let enables = cutting.channels().iter().any(|of| of.channel == power.channel && of.fires);
             let is_bounded = power.least <= FeedShare::FEED && (1..=MAX_POWER_EXPONENT).contains(&power.exponent);
-            identity.has_power_output && enables && is_bounded
+            identity.has_spindle_pwm && enables && is_bounded
         });
+        let pwm_is_valid = settings.spindle_pwm.is_none_or(|pwm| identity.has_spindle_pwm && pwm.is_valid());
         if !numbers
             || !power_is_valid
+            || !pwm_is_valid
             || !backlash_supported
             || !inputs_exist(settings, identity.inputs)
             || !proofs_exist

@@ -26,6 +26,7 @@ pub mod permit;
 mod played_window;
 mod player;
 mod safety_monitor;
+pub mod spindle_pwm;
 mod step_direction;
 mod switching;
 mod window;

@@ -65,6 +65,12 @@ impl<const A: usize> CheckReport<'_, A> {
                     mm/min"
             );
         }
+        if let (Some(pwm), Some(range)) = (self.machine.spindle_pwm(), analysis.speed_rpm) {
+            let (max_s, most) = (f64::from(pwm.full_scale) / 1000.0, range.greatest);
+            if most > max_s {
+                let _ = write!(text, "\n  warning: S{most} is above max_s = {max_s} of card.spindle_pwm: it is 100 %");
+            }
+        }
         for room in analysis.travel_left() {
             let TravelLeft { axis, extents_mm: [least, greatest], travel_left_mm: [below, above] } = room;
             let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);

@@ -19,7 +19,7 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         axes: 4,
         outputs: 4,
         inputs: 8,
-        has_power_output: false,
+        has_spindle_pwm: false,
         window: 1024,
         memory: 256,
         tick_hz: 2_000_000,
@@ -30,6 +30,7 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
     let pico = CardIdentity {
         name: *b"retrace-rp2040\0\0",
         inputs: 6,
+        has_spindle_pwm: true,
         tick_hz: 125_000_000,
         max_period_us: 4000,
         ..stm32f4(1000)

@@ -87,8 +87,10 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
             misfits.push(format!("{name} is output {channel}; the card has {} outputs", identity.outputs));
         }
     }
-    if let Some(beam) = machine.powered_beam().filter(|_| !identity.has_power_output) {
+    if let Some(beam) = machine.powered_beam().filter(|_| !identity.has_spindle_pwm) {
         misfits.push(format!("{} has `power`; the card has no output for the power of a beam", beam.name));
+    } else if machine.spindle_pwm().is_some() && !identity.has_spindle_pwm {
+        misfits.push("card.spindle_pwm is set; the card has no output for S".into());
     }
     if let (true, Err(_)) = (misfits.is_empty(), max_pulses) {
         misfits

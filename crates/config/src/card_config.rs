@@ -2,7 +2,7 @@
 //!
 //! Invariant: settings that were checked here name only inputs, outputs and axes that can exist.
 
-use retrace_link::{InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, channel};
+use retrace_link::{InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PWM_HZ, SpindlePwm, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -47,6 +47,34 @@ struct InputSection {
     active_low: bool,
 }
 
+/// Output for S, `[card.spindle_pwm]`: the speed of a spindle or the power of a beam, by pulse-width modulation.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct SpindlePwmSection {
+    /// S at a duty cycle of 100 %: the speed of the spindle in revolutions per minute, or the power of the beam.
+    max_s: f64,
+    /// Frequency in Hz.
+    hz: f64,
+}
+
+impl Default for SpindlePwmSection {
+    fn default() -> Self {
+        Self { max_s: 1000.0, hz: 5000.0 }
+    }
+}
+
+impl SpindlePwmSection {
+    fn checked(self) -> Result<SpindlePwm, NumberedError> {
+        within("card.spindle_pwm.max_s", self.max_s, 1.0, 1e6)?;
+        within("card.spindle_pwm.hz", self.hz, f64::from(*PWM_HZ.start()), f64::from(*PWM_HZ.end()))?;
+        // S is sent in thousandths.
+        Ok(SpindlePwm { full_scale: (1000.0 * self.max_s).round() as u32, hz: self.hz.round() as u16 })
+    }
+}
+
+/// Output for S of a beam with `power`, in a machine file without `[card.spindle_pwm]`: the defaults of that section.
+pub(crate) const SPINDLE_PWM_OF_A_BEAM: SpindlePwm = SpindlePwm { full_scale: 1_000_000, hz: 5000 };
+
 /// The motion card, `[card]`.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -63,6 +91,8 @@ pub(crate) struct CardSection {
     inverted_axes: Vec<char>,
     /// Outputs that a fault switches off; by default the cutters and the spindle.
     off_at_fault: Option<Vec<u8>>,
+    /// Output for S. Without it the output stays low, unless a beam has `power`.
+    spindle_pwm: Option<SpindlePwmSection>,
     /// Inputs.
     input: Vec<InputSection>,
 }
@@ -76,6 +106,7 @@ impl Default for CardSection {
             direction_setup_us: 5.0,
             inverted_axes: Vec::new(),
             off_at_fault: None,
+            spindle_pwm: None,
             input: Vec::new(),
         }
     }
@@ -94,6 +125,8 @@ pub struct CardConfig {
     declared_inputs: u16,
     /// Output channels that a fault switches off.
     pub off_at_fault: Vec<u8>,
+    /// Output for S; `None` if the machine file has none.
+    pub spindle_pwm: Option<SpindlePwm>,
 }
 
 impl CardSection {
@@ -161,6 +194,7 @@ impl CardSection {
                 channel::COUNT - 1
             )));
         }
+        let spindle_pwm = self.spindle_pwm.map(SpindlePwmSection::checked).transpose()?;
         let periods = |ms: f64| (ms / period_ms).round().max(1.0);
         Ok(CardConfig {
             watchdog_periods: periods(self.watchdog_ms) as u16,
@@ -172,6 +206,7 @@ impl CardSection {
             inputs,
             declared_inputs,
             off_at_fault,
+            spindle_pwm,
         })
     }
 
@@ -184,6 +219,7 @@ impl CardSection {
             Self { step_pulse_us: self.step_pulse_us, ..usual() },
             Self { direction_setup_us: self.direction_setup_us, ..usual() },
             Self { off_at_fault: self.off_at_fault.clone(), ..usual() },
+            Self { spindle_pwm: self.spindle_pwm, ..usual() },
         ];
         parts.extend(self.inverted_axes.iter().map(|&axis| Self { inverted_axes: vec![axis], ..usual() }));
         parts.extend(self.input.iter().map(|input| Self { input: vec![input.clone()], ..usual() }));
@@ -244,6 +280,24 @@ mod tests {
         assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));
         let off = [4, channel::SPINDLE].map(|channel| OutputChange { channel, value: 0 });
         assert_eq!(settings.safe(), off);
+    }
+
+    #[test]
+    fn the_output_for_s_is_used_where_it_is_asked_for_or_a_beam_has_a_power() {
+        let told = |text: &str| {
+            machine(text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(0))).spindle_pwm
+        };
+        assert_eq!(told(""), None);
+        assert_eq!(
+            told("[card.spindle_pwm]\nmax_s = 24000\nhz = 1000\n"),
+            Some(SpindlePwm { full_scale: 24_000_000, hz: 1000 })
+        );
+        assert_eq!(told("[card.spindle_pwm]\n"), Some(SPINDLE_PWM_OF_A_BEAM));
+        let beam = "[[cutter]]\nname = \"laser\"\nkind = \"beam\"\nfire = 64\npower = {}\n";
+        assert_eq!(told(beam), Some(SPINDLE_PWM_OF_A_BEAM));
+        for wrong in ["max_s = 0.5", "hz = 99", "hz = 50001", "max_s = nan", "duty = 1"] {
+            assert!(machine(&format!("[card.spindle_pwm]\n{wrong}\n")).is_err(), "{wrong}");
+        }
     }
 
     #[test]

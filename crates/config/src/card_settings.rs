@@ -45,6 +45,7 @@ impl MachineConfig {
                 self.inhibits_outputs,
             ),
             layer: self.tool_layer().map(|layer| layer.settings(self.period_s())),
+            spindle_pwm: self.spindle_pwm(),
             ..CardSettings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use retrace_core::limits::RateLimits;
-use retrace_link::{HomingCommand, InputWait, OutputChange};
+use retrace_link::{HomingCommand, InputWait, OutputChange, SpindlePwm};
 use retrace_motion::{Blending, MachineLimits};
 
 use crate::axis::{self, AXIS_LETTERS, AxisConfig};
-use crate::card_config::CardConfig;
+use crate::card_config::{CardConfig, SPINDLE_PWM_OF_A_BEAM};
 use crate::channel_names::{self, ChannelNames};
 use crate::cutter::{self, CutterConfig};
 use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutputs, ToolChange};
@@ -290,6 +290,12 @@ impl MachineConfig {
     #[must_use]
     pub fn powered_beam(&self) -> Option<&CutterConfig> {
         self.cutters.iter().find(|cutter| cutter.power.is_some())
+    }
+
+    /// Output for S: that of the machine file, or its default where a beam has `power`; `None` if it is not used.
+    #[must_use]
+    pub fn spindle_pwm(&self) -> Option<SpindlePwm> {
+        self.card.spindle_pwm.or_else(|| self.powered_beam().map(|_| SPINDLE_PWM_OF_A_BEAM))
     }
 
     /// The channels that belong to the start of a cutter: those that fire, and the abrasives and the pressures that are

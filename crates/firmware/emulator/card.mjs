@@ -123,6 +123,7 @@ function report() {
       steps_ended: happened.steps_ended,
       pulses_after: happened.pulses_after,
       spindle_off: spindleOff ?? null,
+      pwm_off: scope.pwm.fell > scope.pwm.rose ? Math.max(0, scope.pwm.fell - happened.at) : null,
       watchdog: board.watchdogAt === undefined ? null : board.watchdogAt - happened.at,
       high_pins: scope.highPins(),
     },

@@ -6,8 +6,11 @@ const AXES = 4;
 const FIRST_STEP = 2;
 const FIRST_DIRECTION = 6;
 const GATE = 25;
-export const OUTPUTS = [10, 11, 12, 13, 14, 15, 22, 26];
+export const OUTPUTS = [10, 11, 12, 13, 14, 15, 26];
+export const SPINDLE_PWM = 22;
 const FRAME_TICKS = 7;
+/** Cycles without an edge of the output for S after which it is steady: two of its cycles at 5 kHz. */
+const STEADY = 50_000;
 
 const none = () => Array(AXES).fill(0);
 
@@ -31,6 +34,8 @@ export class Scope {
     this.seen = undefined;
     /** Called with the net pulses of every period at its end. */
     this.onPeriod = undefined;
+    /** The output for S: its last edges, the begin of the cycle under way, and the last whole one, high and in all. */
+    this.pwm = { rose: -Infinity, fell: -Infinity, began: undefined, last: [0, 1] };
     this.watchWords();
     this.watchPins();
   }
@@ -59,6 +64,8 @@ export class Scope {
   watchPins() {
     const { gpio } = this.board.mcu;
     gpio[GATE].addListener(() => gpio[GATE].value === 1 && this.beginPeriod());
+    const pwm = gpio[SPINDLE_PWM];
+    pwm.addListener(() => this.pwmEdge(pwm.value === 1));
     for (let axis = 0; axis < AXES; axis++) {
       const [step, direction] = [gpio[FIRST_STEP + axis], gpio[FIRST_DIRECTION + axis]];
       direction.addListener(() => this.turn(axis, direction.value === 1));
@@ -110,9 +117,29 @@ export class Scope {
     }
   }
 
+  pwmEdge(high) {
+    const now = this.board.cycles;
+    const { pwm } = this;
+    if (now - Math.max(pwm.rose, pwm.fell) > STEADY) {
+      pwm.last = [high ? 0 : 1, 1];
+      pwm.began = undefined;
+    } else if (high && pwm.began !== undefined) {
+      pwm.last = [pwm.fell - pwm.began, now - pwm.began];
+    }
+    if (high) [pwm.rose, pwm.began] = [now, now];
+    else pwm.fell = now;
+  }
+
+  /** The last cycle of the output for S: cycles that it was high, and in all; its level where that does not change. */
+  pwmCycle() {
+    const { rose, fell, last } = this.pwm;
+    const level = this.board.mcu.gpio[SPINDLE_PWM].value === 1 ? 1 : 0;
+    return this.board.cycles - Math.max(rose, fell) > STEADY ? [level, 1] : last;
+  }
+
   /** Pins of outputs and steps that are driven high. */
   highPins() {
-    const pins = [...OUTPUTS, ...none().map((_, axis) => FIRST_STEP + axis)];
+    const pins = [...OUTPUTS, SPINDLE_PWM, ...none().map((_, axis) => FIRST_STEP + axis)];
     return pins.filter((pin) => this.board.mcu.gpio[pin].value === 1);
   }
 }

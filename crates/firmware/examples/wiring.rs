@@ -57,6 +57,7 @@ impl Kind {
 /// Use of an output pin.
 fn output(high: High) -> String {
     match high {
+        High::Either(..) => "coolant (M8, M7)".into(),
         High::NotZero(channel::FLOOD) => "flood (M8)".into(),
         High::NotZero(channel::MIST) => "mist (M7)".into(),
         High::NotZero(digital) => format!("output {digital} (M62 P{digital})"),
@@ -81,6 +82,9 @@ fn pico_gpio(gpio: u8) -> (String, Kind) {
     }
     if let Some(&(_, high)) = pins::OUTPUT_PINS.iter().find(|&&(pin, _)| pin == gpio) {
         return (output(high), Kind::Output);
+    }
+    if gpio == pins::SPINDLE_PWM_PIN {
+        return ("S: speed or power (PWM)".into(), Kind::Output);
     }
     if (pins::FIRST_INPUT_PIN..pins::FIRST_INPUT_PIN + pins::INPUTS).contains(&gpio) {
         return (format!("input {}", gpio - pins::FIRST_INPUT_PIN), Kind::Input);

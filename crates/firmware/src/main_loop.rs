@@ -84,6 +84,7 @@ fn run_period(card: &mut Card, board: &mut ThisBoard, steps: &mut Steps) {
     let inputs = InputLevels { levels: board.input_levels(), encoder: board.encoder(), failed: false };
     let status = card.run_period(inputs);
     board.set_outputs(&status.outputs);
+    board.set_spindle_pwm(card.card().spindle_pwm());
     board.put_steps(&StepBatch { increments: *card.card().pulses(), shape: steps.shape });
     let interrupted = DIAGNOSTICS.interrupt_cycles().wrapping_sub(interrupts);
     let cycles = stopwatch::between(began, board.cycles());

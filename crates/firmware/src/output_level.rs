@@ -13,6 +13,8 @@ pub enum High {
     Above(u8),
     /// While the channel is below 0.
     Below(u8),
+    /// While one of the channels is not 0.
+    Either(u8, u8),
 }
 
 impl High {
@@ -23,6 +25,7 @@ impl High {
             Self::NotZero(channel) => outputs[usize::from(channel)] != 0,
             Self::Above(channel) => outputs[usize::from(channel)] > 0,
             Self::Below(channel) => outputs[usize::from(channel)] < 0,
+            Self::Either(one, other) => outputs[usize::from(one)] != 0 || outputs[usize::from(other)] != 0,
         }
     }
 }

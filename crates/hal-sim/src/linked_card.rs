@@ -40,7 +40,7 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> CardIdentity {
         axes: A as u8,
         outputs: 64,
         inputs: 16,
-        has_power_output: true,
+        has_spindle_pwm: true,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: TICK_HZ,

@@ -53,7 +53,9 @@ pub use outputs::{Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, chann
 pub use ports::{BytePort, CardCore, state_crc};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
-pub use settings::{CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PathStart};
+pub use settings::{
+    CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ, PathStart, SpindlePwm,
+};
 pub use wire::Greeting;
 
 /// Interface of the controller to a card, simulated or real.

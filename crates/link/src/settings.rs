@@ -13,7 +13,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 10;
+pub const PROTOCOL: u8 = 11;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -32,8 +32,8 @@ pub struct CardIdentity {
     pub outputs: u8,
     /// Inputs, at most [`MAX_INPUTS`].
     pub inputs: u8,
-    /// Whether it has an output for the power of a beam ([`crate::BeamPower`]).
-    pub has_power_output: bool,
+    /// Whether it has an output for S ([`SpindlePwm`]): the speed of a spindle, or the power of a beam.
+    pub has_spindle_pwm: bool,
     /// Number of records that it holds.
     pub window: u32,
     /// Maximum average of its rate law, in periods.
@@ -133,6 +133,26 @@ impl PathStart {
     }
 }
 
+/// Settings of the output for S, the speed of a spindle or the power of a beam, by pulse-width modulation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SpindlePwm {
+    /// S at a duty cycle of 100 %, in the unit of [`crate::channel::SPEED`], 1 … 2³¹ − 1.
+    pub full_scale: u32,
+    /// Frequency in Hz, within [`PWM_HZ`].
+    pub hz: u16,
+}
+
+/// Frequencies of the output for S that every card with such an output supports.
+pub const PWM_HZ: core::ops::RangeInclusive<u16> = 100..=50_000;
+
+impl SpindlePwm {
+    /// Whether the settings are within their ranges.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        (1..=i32::MAX as u32).contains(&self.full_scale) && PWM_HZ.contains(&self.hz)
+    }
+}
+
 /// Settings of a card for one epoch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CardSettings<const A: usize> {
@@ -168,12 +188,14 @@ pub struct CardSettings<const A: usize> {
     pub cutting: CuttingSettings,
     /// Layer of the tool axis; `None` if no height is set by the card.
     pub layer: Option<LayerSettings>,
+    /// Output for S; `None` if it stays low.
+    pub spindle_pwm: Option<SpindlePwm>,
 }
 
 impl<const A: usize> CardSettings<A> {
     /// Returns settings for all axes with the given control period in microseconds and the path from `start` on.
     /// Defaults: reports every eighth period, a watchdog of 250 ms, no backlash, no inputs, all outputs unchanged on a
-    /// fault, no cutting outputs, and no layer.
+    /// fault, no cutting outputs, no layer, and no output for S.
     #[must_use]
     pub fn new(epoch: u16, start: PathStart, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
@@ -193,6 +215,7 @@ impl<const A: usize> CardSettings<A> {
             safe_count: 0,
             cutting: CuttingSettings::default(),
             layer: None,
+            spindle_pwm: None,
         }
     }
 

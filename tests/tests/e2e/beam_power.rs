@@ -191,7 +191,7 @@ fn a_served_card_has_the_power_of_the_program() {
     bench.file("m.toml", format!("{}[card]\nwatchdog_ms = 2000\n", machine("power = {}")));
     let program = bench.file("part.ngc", CORNERS).display().to_string();
     let card = ServedCard::with(&["--vcd", &vcd.display().to_string()]);
-    assert_eq!(card.identify(&bench)["power_output"], true);
+    assert_eq!(card.identify(&bench)["spindle_pwm"], true);
     let run = bench.retrace(["run", &program, "--card", &card.port, "--machine", "m.toml", "--json"]);
     assert_eq!(run.code, Some(0), "{}", run.err);
     let _ = card.end();

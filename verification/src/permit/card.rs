@@ -90,7 +90,7 @@ impl Observer {
             axes: 1,
             outputs: 8,
             inputs: 3,
-            has_power_output: true,
+            has_spindle_pwm: true,
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,

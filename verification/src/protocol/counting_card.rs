@@ -44,7 +44,7 @@ impl CountingCard {
             axes: 1,
             outputs: 8,
             inputs: 0,
-            has_power_output: false,
+            has_spindle_pwm: false,
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,

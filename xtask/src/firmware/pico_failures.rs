@@ -11,8 +11,9 @@ use super::pico_emulator::{EventState, Line, PicoEmulator};
 use retrace_task_support::process;
 use serde_json::Value;
 
-/// The program in which something fails, on the built-in machine.
+/// The program in which something fails, and the machine: the built-in one, with an output for S.
 const PROGRAM: &str = "crates/firmware/emulated.ngc";
+const MACHINE: &str = "crates/firmware/emulated-spindle.toml";
 /// Cycles of a millisecond.
 const CYCLES_PER_MS: u64 = 125_000;
 /// Pulses after which something fails: the machine is in the program's first move.
@@ -28,6 +29,9 @@ struct Failure {
     line: Line,
     /// Whether what was seen is safe.
     judge: fn(&Value) -> bool,
+    /// Whether the end of the command is waited for, which takes some seconds. To the command a card that is silent for
+    /// one cause is as silent for another.
+    is_noticed: bool,
     /// Whether the card can be reached again.
     goes_on: bool,
 }
@@ -42,16 +46,18 @@ const FAILURES: [Failure; 6] = [
         line: Line::Uart,
         judge: |seen| {
             within(seen, "steps_ended", CYCLES_PER_MS / 100)
-                && within(seen, "spindle_off", CYCLES_PER_MS / 100)
+                && is_off_within(seen, CYCLES_PER_MS / 100)
                 && seen["pulses_after"] == 0
                 && seen["high_pins"] == serde_json::json!([])
         },
+        is_noticed: true,
         goes_on: false,
     },
     Failure {
         event: "freeze",
         line: Line::Usb,
         judge: |seen| within(seen, "steps_ended", 2 * CYCLES_PER_MS) && within(seen, "watchdog", 51 * CYCLES_PER_MS),
+        is_noticed: false,
         goes_on: false,
     },
     Failure {
@@ -59,19 +65,25 @@ const FAILURES: [Failure; 6] = [
         line: Line::Usb,
         judge: |seen| {
             within(seen, "steps_ended", 2 * CYCLES_PER_MS)
-                && within(seen, "spindle_off", 100 * CYCLES_PER_MS)
+                && is_off_within(seen, 100 * CYCLES_PER_MS)
                 && seen["high_pins"] == serde_json::json!([])
         },
+        is_noticed: false,
         goes_on: false,
     },
-    Failure { event: "cut", line: Line::Uart, judge: host_is_silent, goes_on: false },
-    Failure { event: "unplug", line: Line::Usb, judge: host_is_silent, goes_on: true },
-    Failure { event: "kill", line: Line::Usb, judge: host_is_silent, goes_on: true },
+    Failure { event: "cut", line: Line::Uart, judge: host_is_silent, is_noticed: false, goes_on: false },
+    Failure { event: "unplug", line: Line::Usb, judge: host_is_silent, is_noticed: true, goes_on: true },
+    Failure { event: "kill", line: Line::Usb, judge: host_is_silent, is_noticed: false, goes_on: true },
 ];
 
 /// Whether the card has done what it has to without a host.
 fn host_is_silent(seen: &Value) -> bool {
-    within(seen, "spindle_off", 260 * CYCLES_PER_MS) && within(seen, "steps_ended", 450 * CYCLES_PER_MS)
+    is_off_within(seen, 260 * CYCLES_PER_MS) && within(seen, "steps_ended", 450 * CYCLES_PER_MS)
+}
+
+/// Whether the spindle was off by then, and the output for its speed low.
+fn is_off_within(seen: &Value, cycles: u64) -> bool {
+    within(seen, "spindle_off", cycles) && within(seen, "pwm_off", cycles)
 }
 
 /// Whether a time was seen and is not longer than this.
@@ -95,10 +107,13 @@ fn run(root: &Path, rig: &Rig, failure: &Failure) -> Result<(), String> {
     let emulator = rig.start(root, failure.line, Some((failure.event, IN_MOTION)))?;
     let mut host = Host::start(rig, root, &emulator)?;
     emulator.wait_for(EventState::Happened)?;
-    if failure.event == "kill" {
-        host.kill();
-    } else {
+    if failure.is_noticed {
         host.must_fail()?;
+    } else {
+        if failure.event != "kill" {
+            emulator.wait_for(EventState::Over)?;
+        }
+        host.kill();
     }
     let greeting = if failure.goes_on { Some(identify(root, rig, &emulator)?) } else { None };
     let found = emulator.finish()?;
@@ -139,7 +154,7 @@ struct Host(Child);
 
 impl Host {
     fn start(rig: &Rig, root: &Path, emulator: &PicoEmulator) -> Result<Self, String> {
-        let mut command = rig.command(root, &["run", PROGRAM, "--json", "--card"], emulator);
+        let mut command = rig.command(root, &["run", PROGRAM, "--json", "--machine", MACHINE, "--card"], emulator);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         command.spawn().map(Self).map_err(|error| format!("the command cannot be run: {error}"))
     }
@@ -176,11 +191,13 @@ fn describe(failure: &Failure, seen: &Value) -> String {
         seen[key].as_u64().map_or_else(|| "never".into(), |cycles| format!("{:.2} ms", cycles as f64 / 125e3))
     };
     format!(
-        "`{}` in motion ({}): the last edge of a step after {}, spindle off after {}, reset by the watchdog after {}",
+        "`{}` in motion ({}): the last edge of a step after {}, spindle off after {}, its PWM low after {}, reset by \
+         the watchdog after {}",
         failure.event,
         failure.line.name(),
         time("steps_ended"),
         time("spindle_off"),
+        time("pwm_off"),
         time("watchdog")
     )
 }

@@ -8,8 +8,8 @@ use common::{DOOR, TestCard, identity, levels, settings};
 use proptest::prelude::*;
 use retrace_core::{FeedShare, Flags, Rate, Record, RecordIndex};
 use retrace_link::{
-    BeamPower, CardCore, CardIdentity, CardStatus, CommandRefusal, CuttingChannel, CuttingSettings, HostCommand,
-    Instruction, LINEAR_POWER, MAX_POWER_EXPONENT, OutputChange, channel,
+    BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CuttingChannel, CuttingSettings,
+    HostCommand, Instruction, LINEAR_POWER, MAX_POWER_EXPONENT, OutputChange, SpindlePwm, channel,
 };
 
 const BEAM: u8 = channel::SPINDLE;
@@ -17,7 +17,7 @@ const S: i32 = 1_000_000;
 const PIERCE: u32 = 20;
 const RECORDS: u32 = 60;
 
-fn beam_settings(least: u16, lit_in_reverse: bool) -> retrace_link::CardSettings<2> {
+fn beam_settings(least: u16, lit_in_reverse: bool) -> CardSettings<2> {
     let mut settings = settings(1, 0);
     settings.safe_count = 0;
     settings.cutting = CuttingSettings { count: 1, handover_periods: 10, ..CuttingSettings::default() };
@@ -43,8 +43,12 @@ struct Bench(TestCard);
 impl Bench {
     /// A card with [`RECORDS`] records, and the beam lit by `value` with a pierce.
     fn lit(least: u16, lit_in_reverse: bool, value: i32) -> Self {
+        Self::with(beam_settings(least, lit_in_reverse), value)
+    }
+
+    fn with(settings: CardSettings<2>, value: i32) -> Self {
         let mut card = TestCard::new(identity()).expect("a memory");
-        card.open(&beam_settings(least, lit_in_reverse)).expect("fit");
+        card.open(&settings).expect("fit");
         for place in 0..RECORDS {
             let flags = if place == RECORDS - 1 { Flags::REST } else { Flags::NONE };
             let feed_share = FeedShare::from_units(share(place));
@@ -133,9 +137,47 @@ fn an_alarm_ends_the_power_in_its_period() {
     assert_eq!((status.outputs[usize::from(BEAM)], status.beam_power), (0, 0));
 }
 
+/// The output for S has the power of the beam while it is on, and is low from the period of an alarm on.
+#[test]
+fn the_output_for_s_has_the_power_of_the_beam() {
+    let mut settings = beam_settings(0, false);
+    settings.spindle_pwm = Some(SpindlePwm { full_scale: 4 * S as u32, hz: 1000 });
+    let mut bench = Bench::with(settings, -1);
+    let mut lit = 0;
+    for period in 0..PIERCE + 60 {
+        let status = bench.period(if period == PIERCE + 45 { DOOR } else { 0 });
+        let wanted = ((i64::from(status.beam_power) << 16) / (4 * i64::from(S))) as u32;
+        assert_eq!(bench.0.spindle_pwm(), Some((1000, wanted)));
+        lit += u32::from(wanted > 0);
+    }
+    assert!(lit > PIERCE + 20, "{lit}");
+    assert_eq!(bench.0.spindle_pwm(), Some((1000, 0)), "after an alarm");
+}
+
+#[test]
+fn a_card_without_an_output_for_s_refuses_it() {
+    let open = |identity, pwm| {
+        let mut settings = settings(1, 0);
+        settings.spindle_pwm = pwm;
+        TestCard::new(identity).expect("a memory").open(&settings)
+    };
+    let pwm = SpindlePwm { full_scale: 1, hz: 100 };
+    let without = CardIdentity { has_spindle_pwm: false, ..identity() };
+    assert_eq!((open(without, None), open(without, Some(pwm))), (Ok(()), Err(CommandRefusal::Unsupported)));
+    assert_eq!(open(identity(), Some(pwm)), Ok(()));
+    for wrong in [
+        SpindlePwm { full_scale: 0, ..pwm },
+        SpindlePwm { full_scale: 1 << 31, ..pwm },
+        SpindlePwm { hz: 99, ..pwm },
+        SpindlePwm { hz: 50_001, ..pwm },
+    ] {
+        assert_eq!(open(identity(), Some(wrong)), Err(CommandRefusal::Unsupported), "{wrong:?}");
+    }
+}
+
 #[test]
 fn a_card_without_a_power_output_refuses_it() {
-    let without = CardIdentity { has_power_output: false, ..identity() };
+    let without = CardIdentity { has_spindle_pwm: false, ..identity() };
     let mut card = TestCard::new(without).expect("a memory");
     assert_eq!(card.open(&beam_settings(0, false)), Err(CommandRefusal::Unsupported));
     let mut card = TestCard::new(identity()).expect("a memory");

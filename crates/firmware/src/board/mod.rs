@@ -67,6 +67,10 @@ pub(crate) trait Board {
     /// Switches the outputs.
     fn set_outputs(&mut self, outputs: &Outputs);
 
+    /// Sets the frequency in Hz of the output for S and its duty cycle, 0 … 2¹⁶; `None` is low. A board without this
+    /// output has nothing to do: the card refuses settings with it.
+    fn set_spindle_pwm(&mut self, _pwm: Option<(u16, u32)>) {}
+
     /// Returns the processor's cycles since an arbitrary moment, modulo 2²⁴.
     fn cycles(&self) -> u32;
 

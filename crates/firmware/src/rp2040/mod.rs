@@ -8,6 +8,7 @@ pub mod pins;
 #[cfg(test)]
 mod pio_model;
 pub mod pio_programs;
+pub mod pwm;
 pub mod quadrature;
 pub mod step_words;
 pub mod usb_control;
@@ -91,7 +92,7 @@ pub const fn identity(chip: Chip) -> CardIdentity {
         axes: AXES as u8,
         outputs: pins::DIGITAL_OUTPUTS,
         inputs: pins::INPUTS,
-        has_power_output: false,
+        has_spindle_pwm: true,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: chip.clock_hz(),

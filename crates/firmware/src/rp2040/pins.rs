@@ -16,16 +16,17 @@ pub const FIRST_DIRECTION_PIN: u8 = 6;
 /// Number of digital outputs with a pin: channels 0 … 3.
 pub const DIGITAL_OUTPUTS: u8 = 4;
 /// The output pins.
-pub const OUTPUT_PINS: [(u8, High); 8] = [
+pub const OUTPUT_PINS: [(u8, High); 7] = [
     (10, High::NotZero(0)),
     (11, High::NotZero(1)),
     (12, High::NotZero(2)),
     (13, High::NotZero(3)),
     (14, High::Above(channel::SPINDLE)),
     (15, High::Below(channel::SPINDLE)),
-    (22, High::NotZero(channel::FLOOD)),
-    (26, High::NotZero(channel::MIST)),
+    (26, High::Either(channel::FLOOD, channel::MIST)),
 ];
+/// Output for S, by pulse-width modulation.
+pub const SPINDLE_PWM_PIN: u8 = 22;
 /// Number of inputs.
 pub const INPUTS: u8 = 6;
 /// Pin of input 0; those of the other inputs follow it, each with its pull-up.
@@ -77,6 +78,7 @@ mod tests {
             .chain(OUTPUT_PINS.iter().map(|&(pin, _)| pin))
             .chain((0..INPUTS).map(|input| FIRST_INPUT_PIN + input))
             .chain(ENCODER_PINS)
+            .chain([SPINDLE_PWM_PIN])
             .collect();
         // 23, 24 and 25 are not led out of a Pico
         assert!(used.iter().all(|&pin| pin <= 22 || (26..=28).contains(&pin)));
@@ -95,6 +97,11 @@ mod tests {
         assert_eq!(output_levels(&on), ALL_OUTPUTS & !(1 << 14), "M4: not the pin of M3");
         off[usize::from(channel::SPINDLE)] = 1;
         assert_eq!(output_levels(&off), 1 << 14);
+        for coolant in [channel::FLOOD, channel::MIST] {
+            let mut outputs = [0; channel::COUNT];
+            outputs[usize::from(coolant)] = 1;
+            assert_eq!(output_levels(&outputs), 1 << 26);
+        }
         assert_eq!(input_levels(0b101 << 16 | 1 << 22), 0b101);
         assert_eq!((encoder_levels(1 << 27), encoder_levels(1 << 28)), (1, 2));
     }

@@ -31,7 +31,7 @@ pub const fn identity(min_period_us: u32) -> CardIdentity {
         axes: AXES as u8,
         outputs: pins::DIGITAL_OUTPUTS,
         inputs: pins::INPUT_PINS.len() as u8,
-        has_power_output: false,
+        has_spindle_pwm: false,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: SLOT_HZ,

@@ -7,11 +7,10 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{FeedShare, Place, RecordIndex};
 
 use super::entry::{read_alarm, write_alarm};
-use super::message::{read_change, write_change};
 use super::{ByteReader, ByteWriter};
 use crate::{
     Alarm, BeamPower, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse,
-    LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, PathStart, ProofInput,
+    LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, OutputChange, PathStart, ProofInput, SpindlePwm,
 };
 
 /// Greeting: a card's answer to a greeting request.
@@ -50,7 +49,7 @@ impl<const A: usize> Greeting<A> {
         writer.slice(&of.name)?;
         writer.u32(of.serial)?;
         writer.u32(of.boot)?;
-        let outputs = of.outputs | if of.has_power_output { POWER_OUTPUT } else { 0 };
+        let outputs = of.outputs | if of.has_spindle_pwm { SPINDLE_PWM } else { 0 };
         writer.slice(&[of.axes, outputs, of.inputs])?;
         for value in [of.window, of.tick_hz, of.min_period_us, of.max_period_us, of.max_pulses_hz] {
             writer.count(u64::from(value))?;
@@ -85,9 +84,9 @@ impl<const A: usize> Greeting<A> {
             serial,
             boot,
             axes,
-            outputs: outputs & !POWER_OUTPUT,
+            outputs: outputs & !SPINDLE_PWM,
             inputs,
-            has_power_output: outputs & POWER_OUTPUT != 0,
+            has_spindle_pwm: outputs & SPINDLE_PWM != 0,
             window: reader.count32()?,
             tick_hz: reader.count32()?,
             min_period_us: reader.count32()?,
@@ -111,8 +110,8 @@ impl<const A: usize> Greeting<A> {
     }
 }
 
-/// Flag in the number of outputs: the card has an output for the power of a beam.
-const POWER_OUTPUT: u8 = 0x80;
+/// Flag in the number of outputs: the card has an output for S.
+const SPINDLE_PWM: u8 = 0x80;
 
 /// Settings of an epoch, as they are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -155,9 +154,10 @@ impl<const A: usize> Opening<A> {
             writer.u8(code | axis << 3 | u8::from(input.active_low) << 7)?;
         }
         writer.u8(of.safe().len() as u8)?;
-        of.safe().iter().try_for_each(|&change| write_change(writer, change))?;
+        of.safe().iter().try_for_each(|&change| write_safe(writer, change))?;
         write_cutting(writer, &of.cutting)?;
-        write_layer(writer, of.layer)
+        write_layer(writer, of.layer)?;
+        write_spindle_pwm(writer, of.spindle_pwm)
     }
 
     /// Reads the message after its kind.
@@ -195,12 +195,30 @@ impl<const A: usize> Opening<A> {
             return None;
         }
         for change in &mut settings.safe[..usize::from(settings.safe_count)] {
-            *change = read_change(reader)?;
+            *change = read_safe(reader)?;
         }
         settings.cutting = read_cutting(reader)?;
         settings.layer = read_layer(reader)?;
+        settings.spindle_pwm = read_spindle_pwm(reader)?;
         Some(Self(settings))
     }
+}
+
+/// Flag in the channel of an output that a fault switches: its value follows; without it the value is 0.
+const HAS_VALUE: u8 = 0x80;
+
+fn write_safe(writer: &mut ByteWriter<'_>, change: OutputChange) -> Option<()> {
+    if change.value == 0 {
+        return writer.u8(change.channel & !HAS_VALUE);
+    }
+    writer.u8(HAS_VALUE | change.channel)?;
+    writer.signed(i64::from(change.value))
+}
+
+fn read_safe(reader: &mut ByteReader<'_>) -> Option<OutputChange> {
+    let channel = reader.u8()?;
+    let value = if channel & HAS_VALUE == 0 { 0 } else { reader.signed32()? };
+    Some(OutputChange { channel: channel & !HAS_VALUE, value })
 }
 
 /// Flag in the number of an axis: the settings of the layer follow.
@@ -223,6 +241,20 @@ fn read_layer(reader: &mut ByteReader<'_>) -> Option<Option<LayerSettings>> {
     }
     let (contacts, probe_speed, latch_speed) = (reader.u16()?, reader.count32()?, reader.count32()?);
     Some(Some(LayerSettings { axis: axis & !HAS_LAYER, contacts, probe_speed, latch_speed }))
+}
+
+/// Writes the settings of the output for S; a full scale of 0: it is not used.
+fn write_spindle_pwm(writer: &mut ByteWriter<'_>, pwm: Option<SpindlePwm>) -> Option<()> {
+    let Some(SpindlePwm { full_scale, hz }) = pwm else { return writer.u8(0) };
+    writer.count(u64::from(full_scale))?;
+    writer.u16(hz)
+}
+
+/// Reads the settings of the output for S. Returns `None` if the bytes are cut short.
+#[allow(clippy::option_option)]
+fn read_spindle_pwm(reader: &mut ByteReader<'_>) -> Option<Option<SpindlePwm>> {
+    let full_scale = reader.count32()?;
+    Some(if full_scale == 0 { None } else { Some(SpindlePwm { full_scale, hz: reader.u16()? }) })
 }
 
 /// Flag in the number of channels: dry run.

@@ -11,7 +11,7 @@ use retrace_link::{
     Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
     HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
     MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL,
-    PathStart, ProofInput, RepeatedInstruction,
+    PathStart, ProofInput, RepeatedInstruction, SpindlePwm,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -216,7 +216,7 @@ fn handshakes_are_read_back() {
         axes: 3,
         outputs: 64,
         inputs: 16,
-        has_power_output: true,
+        has_spindle_pwm: true,
         window: 4096,
         memory: 64,
         tick_hz: 168_000_000,
@@ -254,6 +254,7 @@ fn handshakes_are_read_back() {
         keeps_layer: true,
     };
     settings.layer = Some(LayerSettings { axis: 2, contacts: 1 << 9 | 1, probe_speed: 1 << 17, latch_speed: u32::MAX });
+    settings.spindle_pwm = Some(SpindlePwm { full_scale: i32::MAX as u32, hz: 50_000 });
     settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
@@ -302,6 +303,7 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
     }
     let [probe_speed, latch_speed] = [2000 << 16; 2];
     settings.layer = Some(LayerSettings { axis: 3, contacts: u16::MAX, probe_speed, latch_speed });
+    settings.spindle_pwm = Some(SpindlePwm { full_scale: i32::MAX as u32, hz: u16::MAX });
     // kind and epoch binding besides
     let mut bytes = [0; MAX_PAYLOAD - 1];
     let mut writer = ByteWriter::new(&mut bytes);

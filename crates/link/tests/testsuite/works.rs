@@ -38,7 +38,7 @@ impl Works {
             axes: 3,
             outputs: 8,
             inputs: 4,
-            has_power_output: false,
+            has_spindle_pwm: false,
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,

@@ -32,7 +32,7 @@ pub(crate) fn identity() -> CardIdentity {
         axes: 2,
         outputs: 8,
         inputs: 6,
-        has_power_output: true,
+        has_spindle_pwm: true,
         window: 0,
         memory: 0,
         tick_hz: 1_000_000,

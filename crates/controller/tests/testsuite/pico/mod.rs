@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use retrace_card::spindle_pwm::FULL;
 use retrace_card::{InputLevels, LinkedCard as Card};
 use retrace_config::MachineConfig;
 use retrace_controller::{
@@ -32,14 +33,18 @@ const ENTRIES: usize = 256;
 const PERIODS_TO_REPORT: usize = 60;
 /// Periods in which a card comes to rest without a host.
 const PERIODS_TO_REST: usize = 700;
-/// A fast machine, up to the limit of the board, with a home switch at input 0 and an emergency stop at input 1.
+/// A fast machine, up to the limit of the board, with a home switch at input 0, an emergency stop at input 1, and a
+/// spindle whose speed is an output.
 const FAST: &str = concat!(
     "homed = true\n",
     include_str!("../../../../firmware/emulated-pico.toml"),
     "home = { switch = \"lower\", position_mm = 0.0, search_mm_per_s = 50.0 }\n",
     "[[card.input]]\nnumber = 0\nuse = \"home\"\naxis = \"a\"\nactive_low = true\n",
     "[[card.input]]\nnumber = 1\nuse = \"emergency-stop\"\nactive_low = true\n",
+    "[card.spindle_pwm]\nmax_s = 24000\n",
 );
+/// The cutter of the same machine as a laser, whose power is the output for S.
+const LASER: &str = "[[cutter]]\nname = \"laser\"\nkind = \"beam\"\nfire = 64\npower = { least_percent = 5 }\n";
 
 /// What was compared.
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,6 +55,8 @@ struct Compared {
     backward: usize,
     late: u64,
     held: u64,
+    /// Periods in which the output for S is neither low nor high all the time.
+    modulated: usize,
     longest: u64,
     mean: u64,
 }
@@ -61,6 +68,7 @@ impl Compared {
         self.backward += other.backward;
         self.late += other.late;
         self.held += other.held;
+        self.modulated += other.modulated;
         self.longest = self.longest.max(other.longest);
         self.mean = self.mean.max(other.mean);
     }
@@ -71,12 +79,23 @@ fn shape(settings: &CardSettings<AXES>) -> (u32, u16, u16, u16) {
     (settings.period_us, settings.pulse_ns, settings.direction_setup_ns, settings.direction_inverted)
 }
 
-/// Levels of the pins of outputs 0 … 3, spindle clockwise and counterclockwise, flood and mist (docs/firmware.md).
+fn laser() -> MachineConfig {
+    let text = FAST.replace("max_s = 24000", "max_s = 1000") + LASER;
+    MachineConfig::parse(&text, "laser").expect("valid")
+}
+
+/// Levels of the pins of outputs 0 … 3, spindle clockwise and counterclockwise, and coolant (docs/firmware.md).
 fn output_levels(outputs: &Outputs) -> u16 {
     let [spindle, flood, mist] = [channel::SPINDLE, channel::FLOOD, channel::MIST].map(|c| outputs[usize::from(c)]);
     let on = [outputs[0] != 0, outputs[1] != 0, outputs[2] != 0, outputs[3] != 0];
-    let levels = on.into_iter().chain([spindle > 0, spindle < 0, flood != 0, mist != 0]);
+    let levels = on.into_iter().chain([spindle > 0, spindle < 0, flood != 0 || mist != 0]);
     levels.enumerate().fold(0, |all, (n, is_high)| all | u16::from(is_high) << n)
+}
+
+/// Whether a cycle of the output for S has this duty cycle, within the processor's instructions.
+fn is_duty([high, cycle]: [u64; 2], pwm: Option<(u16, u32)>) -> bool {
+    let duty = pwm.map_or(0.0, |(_, duty)| f64::from(duty) / f64::from(FULL));
+    (high as f64 / cycle as f64 - duty).abs() <= 0.0005
 }
 
 /// Gives a card what the image was given, and compares what it orders with the pins. `path`: where it has to be.
@@ -91,6 +110,8 @@ fn compare(
         .expect("the sizes of the image");
     let (mut timing, mut encoder) = ((1000, 2000, 5000, 0), 0u16);
     let (mut ordered, mut compared) = (0, Compared::default());
+    // A cycle of the output for S that has ended has the duty cycle of one of the two periods before.
+    let mut pwm = [None; 2];
     let mut check = |wanted: [i64; AXES], what: &dyn fmt::Debug| {
         ordered += 1;
         match nets.get(ordered - 1) {
@@ -119,6 +140,11 @@ fn compare(
         if step.outputs != output_levels(&status.outputs) {
             return Err(format!("period {period}: the outputs are {:#b}: {status:?}", step.outputs));
         }
+        if !pwm.iter().any(|&pwm| is_duty(step.pwm, pwm)) {
+            return Err(format!("period {period}: S is out for {:?} cycles, not {pwm:?}: {status:?}", step.pwm));
+        }
+        pwm = [pwm[1], card.card().spindle_pwm()];
+        compared.modulated += usize::from(pwm[1].is_some_and(|(_, duty)| 0 < duty && duty < FULL));
         if path.is_some_and(|path| path.position(status.place) != status.counts) {
             return Err(format!("period {period}: off the path: {status:?}"));
         }
@@ -263,13 +289,21 @@ fn pins_of_random_jobs_are_those_of_the_simulator() {
     let (periods, first) = asked(1000);
     let built_in = MachineConfig::built_in().expect("valid");
     let fast = MachineConfig::parse(FAST, "fast").expect("valid");
+    let laser = laser();
+    // the suite has short jobs
+    let moves = if periods < 10_000 { 4 } else { 12 };
     let (mut all, mut jobs) = (Compared::default(), 0);
     for seed in first.. {
         let mut random = Random::new(seed);
         // the board has outputs 0 … 3
-        let text = program(&mut random, 12).replace(" P4\n", " P0\n").replace(" P5\n", " P1\n");
+        let text = program(&mut random, moves).replace(" P4\n", " P0\n").replace(" P5\n", " P1\n");
         let commands = script(&mut random);
-        let machine = if random.up_to(2) == 0 { &built_in } else { &fast };
+        let s = random.up_to(30_000);
+        let (machine, text) = match random.up_to(3) {
+            0 => (&built_in, text),
+            1 => (&laser, format!("S{}\n{}", s / 25, text.replace("M3\n", "M4\n"))),
+            _ => (&fast, format!("S{s}\n{text}")),
+        };
         let around = surroundings(&mut random);
         let hand = (random.up_to(1) == 0).then(|| Random::new(random.next()));
         let done = run(machine, &text, &commands, around.clone(), hand)
@@ -283,6 +317,17 @@ fn pins_of_random_jobs_are_those_of_the_simulator() {
     }
     println!("{jobs} jobs: {all:?}");
     assert!(all.late <= all.held, "a period was late in motion though nothing held it");
+}
+
+/// The power of a laser follows the speed at the pin, and is off in a hold.
+#[test]
+#[ignore = "needs the image and its emulator: cargo xtask firmware test, cargo xtask campaign pico"]
+fn the_power_of_a_laser_is_at_its_pin() {
+    let program = "S800\nG21 G90 G64 P0.05\nF1200\nM4\nG1 X3 Y1\nX1 Y3\nS300\nX4 Y4\nM5\nG0 X0 Y0\nM2\n";
+    let commands = "at 0.35s hold\nafter 0.1s resume\n";
+    let done = run(&laser(), program, commands, Surroundings::default(), None).expect("as the card crate has it");
+    println!("laser: {done:?}");
+    assert!(done.modulated > 300, "{done:?}");
 }
 
 /// The axis goes to its switch and off it, and its count is set where the switch opens, by the pins alone.

@@ -30,6 +30,8 @@ pub(super) struct Given {
     pub steps: i16,
     /// Levels of the output pins after that period.
     pub outputs: u16,
+    /// Last cycle of the output for S before them: clock cycles that it was high, and in all.
+    pub pwm: [u64; 2],
 }
 
 /// What is done to the card besides the line.
@@ -114,7 +116,8 @@ impl PicoPort {
         }
         if answer["computed"] == true {
             let outputs = answer["outputs"].as_u64().expect("levels") as u16;
-            self.given.push(Given { bytes, inputs, steps, outputs });
+            let pwm = [0, 1].map(|at| answer["pwm"][at].as_u64().expect("a cycle"));
+            self.given.push(Given { bytes, inputs, steps, outputs, pwm });
         }
     }
 

@@ -12,6 +12,7 @@ pub(super) const XOSC: usize = 0x4002_4000;
 pub(super) const PLL_SYSTEM: usize = 0x4002_8000;
 pub(super) const PLL_USB: usize = 0x4002_c000;
 pub(super) const UART0: usize = 0x4003_4000;
+pub(super) const PWM: usize = 0x4005_0000;
 pub(super) const TIMER: usize = 0x4005_4000;
 pub(super) const WATCHDOG: usize = 0x4005_8000;
 /// Control of the USB controller's clock (2.15.7).
@@ -28,10 +29,10 @@ pub(super) const TIMER_INTERRUPT_ENABLE: usize = TIMER + 0x38;
 pub(super) const PINS_OUTPUT_ENABLE: usize = 0xd000_0020;
 /// In the control of a pin: its level is low whatever its function (2.19.6.1).
 pub(super) const FORCED_LOW: u32 = 2 << 8;
-/// Resets of the pins and their pads, both blocks of state machines, both PLLs, the timer, UART0 and the USB controller
-/// (2.14.3).
+/// Resets of the pins and their pads, both blocks of state machines, both PLLs, the PWM, the timer, UART0 and the USB
+/// controller (2.14.3).
 pub(super) const PERIPHERALS: u32 =
-    1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13 | 1 << 21 | 1 << 22 | 1 << 24;
+    1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 24;
 /// What starts the ticks of a microsecond: register and value (4.7.6).
 pub(super) const TICKS: [(usize, u32); 1] = [(WATCHDOG + 0x2c, 1 << 9 | CRYSTAL_MHZ)];
 /// The watchdog counts down twice a microsecond (erratum RP2040-E1).

@@ -13,6 +13,7 @@ pub(super) const XOSC: usize = 0x4004_8000;
 pub(super) const PLL_SYSTEM: usize = 0x4005_0000;
 pub(super) const PLL_USB: usize = 0x4005_8000;
 pub(super) const UART0: usize = 0x4007_0000;
+pub(super) const PWM: usize = 0x400a_8000;
 pub(super) const TIMER: usize = 0x400b_0000;
 pub(super) const WATCHDOG: usize = 0x400d_8000;
 const TICK_GENERATORS: usize = 0x4010_8000;
@@ -30,10 +31,10 @@ pub(super) const TIMER_INTERRUPT_ENABLE: usize = TIMER + 0x40;
 pub(super) const PINS_OUTPUT_ENABLE: usize = 0xd000_0030;
 /// In the control of a pin: its level is low whatever its function.
 pub(super) const FORCED_LOW: u32 = 2 << 12;
-/// Resets of the pins and their pads, both blocks of state machines, both PLLs, the timer, UART0 and the USB
-/// controller.
+/// Resets of the pins and their pads, both blocks of state machines, both PLLs, the PWM, the timer, UART0 and the
+/// USB controller.
 pub(super) const PERIPHERALS: u32 =
-    1 << 6 | 1 << 9 | 1 << 11 | 1 << 12 | 1 << 14 | 1 << 15 | 1 << 23 | 1 << 26 | 1 << 28;
+    1 << 6 | 1 << 9 | 1 << 11 | 1 << 12 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 23 | 1 << 26 | 1 << 28;
 /// What starts the ticks of a microsecond, of the timer and of the watchdog: register and value.
 pub(super) const TICKS: [(usize, u32); 4] = [
     (TICK_GENERATORS + 0x1c, CRYSTAL_MHZ),

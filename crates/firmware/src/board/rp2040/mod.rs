@@ -12,6 +12,7 @@ mod line;
 mod ports;
 mod registers;
 mod serial;
+mod spindle_pwm;
 mod step_generator;
 mod usb_line;
 mod watchdog;
@@ -23,12 +24,14 @@ use retrace_link::{CardIdentity, Outputs};
 
 use super::{Board, stopwatch};
 use line::Line;
+use spindle_pwm::SpindlePwm;
 use step_generator::StepGenerator;
 
 /// A Raspberry Pi Pico or Pico 2.
 pub(crate) struct Rp2040 {
     steps: StepGenerator,
     line: Line,
+    spindle_pwm: SpindlePwm,
 }
 
 impl Board for Rp2040 {
@@ -42,7 +45,7 @@ impl Board for Rp2040 {
         let steps = StepGenerator::start();
         watchdog::start();
         encoder::start();
-        Self { steps, line: Line::start() }
+        Self { steps, line: Line::start(), spindle_pwm: SpindlePwm::start() }
     }
 
     fn set_all_low() {
@@ -95,6 +98,10 @@ impl Board for Rp2040 {
 
     fn set_outputs(&mut self, outputs: &Outputs) {
         ports::set_outputs(outputs);
+    }
+
+    fn set_spindle_pwm(&mut self, pwm: Option<(u16, u32)>) {
+        self.spindle_pwm.set(pwm);
     }
 
     fn cycles(&self) -> u32 {

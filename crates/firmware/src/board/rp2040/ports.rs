@@ -4,10 +4,11 @@
 
 use super::chip::FORCED_LOW;
 use super::registers::{PINS_IN, PINS_OUT, PINS_OUTPUT_ENABLE, pin_control, pin_pad};
+use super::spindle_pwm;
 use retrace_firmware::AXES;
 use retrace_firmware::rp2040::pins::{
     self, ALL_OUTPUTS, ENCODER_PINS, FIRST_DIRECTION_PIN, FIRST_INPUT_PIN, FIRST_STEP_PIN, GATE_PIN, INPUTS,
-    OUTPUT_PINS, SERIAL_PINS,
+    OUTPUT_PINS, SERIAL_PINS, SPINDLE_PWM_PIN,
 };
 use retrace_link::Outputs;
 
@@ -28,6 +29,8 @@ pub(super) fn start() {
         pin_pad(pin).write(PULLED_DOWN);
         pin_control(pin).write(PROCESSOR);
     }
+    spindle_pwm::set_low();
+    pin_pad(SPINDLE_PWM_PIN).write(PULLED_DOWN);
     for pin in (FIRST_INPUT_PIN..FIRST_INPUT_PIN + INPUTS).chain(ENCODER_PINS) {
         pin_pad(pin).write(PULLED_UP);
         pin_control(pin).write(PROCESSOR);
@@ -59,6 +62,7 @@ pub(super) fn set_all_low() {
         pin_control(FIRST_STEP_PIN + axis).write(FORCED_LOW | STEP_MACHINES);
     }
     PINS_OUT.write(0);
+    spindle_pwm::set_low();
 }
 
 /// Returns the levels of the inputs, one bit each.

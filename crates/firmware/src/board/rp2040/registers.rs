@@ -9,7 +9,7 @@
 use core::arch::global_asm;
 use core::ptr::{with_exposed_provenance, with_exposed_provenance_mut};
 
-use super::chip::{self, CLOCKS, RESETS, TIMER, UART0, WATCHDOG, XOSC};
+use super::chip::{self, CLOCKS, PWM, RESETS, TIMER, UART0, WATCHDOG, XOSC};
 use crate::board::stopwatch;
 use crate::diagnostics::DIAGNOSTICS;
 
@@ -109,6 +109,11 @@ registers! {
     TIMER_NOW = TIMER + 0x28;
     TIMER_INTERRUPT = chip::TIMER_INTERRUPT;
     TIMER_INTERRUPT_ENABLE = chip::TIMER_INTERRUPT_ENABLE;
+    /// Slice 3 of the PWM, whose output A is at GPIO 22 (data sheet, 4.5.3).
+    PWM_CONTROL = PWM + 0x3c;
+    PWM_DIVIDER = PWM + 0x40;
+    PWM_LEVELS = PWM + 0x48;
+    PWM_TOP = PWM + 0x4c;
     /// Watchdog (data sheet, 4.7.6).
     WATCHDOG_CONTROL = WATCHDOG;
     WATCHDOG_LOAD = WATCHDOG + 0x4;

@@ -1,0 +1,58 @@
+//! The output for S: the speed of a spindle, or the power of a beam (RP2040 data sheet, 4.5).
+//!
+//! Invariant: at a duty cycle of 0 the pin is forced low at once; the counter takes every other one at the begin of its
+//! next cycle.
+
+use retrace_firmware::rp2040::pins::SPINDLE_PWM_PIN;
+use retrace_firmware::rp2040::pwm::PwmCounter;
+
+use super::chip::FORCED_LOW;
+use super::registers::{PWM_CONTROL, PWM_DIVIDER, PWM_LEVELS, PWM_TOP, pin_control};
+
+/// Function of the pin (data sheet, 2.19.2).
+const PWM: u32 = 4;
+/// Bit of the control register: the counter runs.
+const ENABLED: u32 = 1;
+
+/// The output for S.
+pub(super) struct SpindlePwm {
+    hz: u16,
+    duty: u32,
+    counter: PwmCounter,
+}
+
+impl SpindlePwm {
+    /// Starts the output, low.
+    pub(super) fn start() -> Self {
+        set_low();
+        Self { hz: 0, duty: 0, counter: PwmCounter::of(0) }
+    }
+
+    /// Sets frequency and duty cycle; `None` is low.
+    pub(super) fn set(&mut self, pwm: Option<(u16, u32)>) {
+        let (hz, duty) = pwm.unwrap_or((self.hz, 0));
+        if hz != self.hz {
+            self.change_frequency(hz);
+        }
+        if duty != self.duty {
+            self.duty = duty;
+            PWM_LEVELS.write(u32::from(self.counter.level(duty)));
+            if duty == 0 { set_low() } else { pin_control(SPINDLE_PWM_PIN).write(PWM) }
+        }
+    }
+
+    fn change_frequency(&mut self, hz: u16) {
+        set_low();
+        (self.hz, self.duty, self.counter) = (hz, 0, PwmCounter::of(hz));
+        PWM_CONTROL.write(0);
+        PWM_DIVIDER.write(u32::from(self.counter.divider) << 4);
+        PWM_TOP.write(u32::from(self.counter.top));
+        PWM_LEVELS.write(0);
+        PWM_CONTROL.write(ENABLED);
+    }
+}
+
+/// Sets the pin low, whatever the counter does.
+pub(super) fn set_low() {
+    pin_control(SPINDLE_PWM_PIN).write(FORCED_LOW | PWM);
+}
