@@ -65,11 +65,8 @@ impl<const A: usize> CheckReport<'_, A> {
                     mm/min"
             );
         }
-        if let (Some(pwm), Some(range)) = (self.machine.spindle_pwm(), analysis.speed_rpm) {
-            let (max_s, most) = (f64::from(pwm.full_scale) / 1000.0, range.greatest);
-            if most > max_s {
-                let _ = write!(text, "\n  warning: S{most} is above max_s = {max_s} of card.spindle_pwm: it is 100 %");
-            }
+        if let Some((most, max_s)) = self.speed_above_limit() {
+            let _ = write!(text, "\n  warning: S{most} is above max_s = {max_s} of card.spindle_pwm: it is 100 %");
         }
         for room in analysis.travel_left() {
             let TravelLeft { axis, extents_mm: [least, greatest], travel_left_mm: [below, above] } = room;
@@ -106,6 +103,13 @@ impl<const A: usize> CheckReport<'_, A> {
     /// Whether M3 turns a spindle. Where it switches a torch, a jet or a beam, S is no speed.
     fn has_spindle(&self) -> bool {
         self.machine.cutters.iter().all(|cutter| cutter.fire != channel::SPINDLE || !cutter.kind.cuts_at_rest())
+    }
+
+    /// The greatest S, and that of the output for S at 100 %, if it is above that.
+    fn speed_above_limit(&self) -> Option<(f64, f64)> {
+        let max_s = f64::from(self.machine.spindle_pwm()?.full_scale) / 1000.0;
+        let most = self.analysis.speed_rpm?.greatest;
+        (most > max_s).then_some((most, max_s))
     }
 
     fn work_text(&self, work: &WorkExtents<A>) -> String {
@@ -185,6 +189,7 @@ impl<const A: usize> CheckReport<'_, A> {
                 .collect::<Map<_, _>>(),
             "diagnostics": self.diagnostics,
             "feed_above_limit": analysis.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
+            "speed_above_limit": self.speed_above_limit().map(|(most, max_s)| json!({"s": most, "max_s": max_s})),
         })
     }
 

@@ -116,6 +116,18 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
 }
 
 #[test]
+fn s_beyond_the_output_for_it_is_told() {
+    let bench = Bench::new();
+    bench.file("m.toml", "[card.spindle_pwm]\nmax_s = 18000\n");
+    bench.file("p.ngc", "G21\nM3 S12000\nG4 P1\nS24000\nM5\nM2\n");
+    let check = |more: &[&str]| bench.retrace(&[&["check", "p.ngc"], more].concat()).out;
+    assert_contains(&check(&["--machine", "m.toml"]), &["warning: S24000 is above max_s = 18000 of card.spindle_pwm"]);
+    let summary = last(&check(&["--machine", "m.toml", "--json"]));
+    assert_eq!(summary["speed_above_limit"], serde_json::json!({"s": 24000.0, "max_s": 18000.0}));
+    assert_eq!(last(&check(&["--json"]))["speed_above_limit"], Value::Null);
+}
+
+#[test]
 fn errors_and_warnings_are_in_the_json_with_their_range() {
     let bench = Bench::new();
     bench.file("e.ngc", "G21\nG0 (\u{fc}) X1 X2\nO1 repeat [3]\nG1 X3\nO1 endrepeat\nM2\n");
