@@ -26,7 +26,7 @@ const OVERHEAD = 13;
 const SETTLED = 8;
 /** Part of a frame of 1 ms in which the card may offer a packet (erratum RP2040-E15), and what it may be off. */
 const OFFERED = 800 * US;
-const LATE = 5 * US;
+const LATE = 2 * US;
 /** Longest wait for the end of a request. */
 const PATIENCE = 500 * MS;
 const PACKET = 64;

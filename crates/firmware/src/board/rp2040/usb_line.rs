@@ -137,9 +137,14 @@ impl UsbLine {
             USB_SIE_STATUS.write(REQUEST);
             self.handle_request();
         }
-        if self.frame.may_offer(USB_FRAME.read(), TIMER_NOW.read()) {
+        if self.may_offer() {
             self.send_packet();
         }
+    }
+
+    /// Whether a packet to the host may be offered now.
+    fn may_offer(&mut self) -> bool {
+        self.frame.may_offer(USB_FRAME.read(), TIMER_NOW.read())
     }
 
     /// Handles the buffers that the host has fetched or filled.
@@ -274,6 +279,10 @@ impl UsbLine {
             return;
         }
         write_bytes(TO_HOST_BUFFER, &self.sending[..self.sending_count]);
+        // copying a packet takes some microseconds
+        if !self.may_offer() {
+            return;
+        }
         Buffer::ToHost.give(FULL | self.to_host_kind | self.sending_count as u32);
         self.to_host_kind ^= DATA_1;
         (self.is_sending, self.sending_count) = (true, 0);
