@@ -238,7 +238,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
             control period; the cases are periods",
         test: ["retrace-controller", "testsuite", "pico::"],
         asked: BY_SEED,
-        full: 100_000,
+        full: 1_000_000,
         slice: 10_000,
     },
     Campaign {

@@ -13,7 +13,7 @@ use retrace_link::{
 use crate::checked_settings::BACKLASH_IS_COMPENSATED;
 use crate::homing::{HomingEnd, HomingSearch};
 use crate::safety_monitor::MotionState;
-use crate::spindle_pwm::duty_of;
+use crate::spindle_pwm::{PwmSignal, duty_of};
 use crate::window::RecordStorage;
 use crate::{BacklashCompensation, CheckedSettings, InputLevels, Inputs, Player, SafetyMonitor};
 
@@ -181,14 +181,13 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         &self.pulses
     }
 
-    /// Returns the frequency of the output for S in Hz, and its duty cycle for the last period, as [`duty_of`] has it;
-    /// `None` while the output is not used.
+    /// Returns the output for S in the last period; `None` while it is not used.
     #[must_use]
-    pub fn spindle_pwm(&self) -> Option<(u16, u32)> {
+    pub fn spindle_pwm(&self) -> Option<PwmSignal> {
         let settings = self.settings.as_ref()?.settings();
         let (pwm, status) = (settings.spindle_pwm?, self.player.status());
         let beam_power = settings.cutting.beam_power.map(|_| status.beam_power);
-        Some((pwm.hz, duty_of(pwm, beam_power, &status.outputs)))
+        Some(PwmSignal { hz: pwm.hz, duty: duty_of(pwm, beam_power, &status.outputs) })
     }
 
     /// Runs one period of homing.

@@ -7,6 +7,15 @@ use retrace_link::{Outputs, SpindlePwm, channel};
 /// A duty cycle of 100 %.
 pub const FULL: u32 = 1 << 16;
 
+/// The output for S in a control period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PwmSignal {
+    /// Frequency in Hz.
+    pub hz: u16,
+    /// Duty cycle, 0 … [`FULL`].
+    pub duty: u32,
+}
+
 /// Returns the duty cycle, 0 … [`FULL`]. `beam_power` is the power of a beam in the unit of S, if the output is that of
 /// a beam; the speed of a spindle is S while it turns, in either direction.
 #[must_use]

@@ -66,7 +66,10 @@ impl<const A: usize> CheckReport<'_, A> {
             );
         }
         if let Some((most, max_s)) = self.speed_above_limit() {
-            let _ = write!(text, "\n  warning: S{most} is above max_s = {max_s} of card.spindle_pwm: it is 100 %");
+            let _ = write!(
+                text,
+                "\n  warning: S{most} is above the max_s of card.spindle_pwm, {max_s}: the output stays at 100 %"
+            );
         }
         for room in analysis.travel_left() {
             let TravelLeft { axis, extents_mm: [least, greatest], travel_left_mm: [below, above] } = room;
@@ -105,7 +108,7 @@ impl<const A: usize> CheckReport<'_, A> {
         self.machine.cutters.iter().all(|cutter| cutter.fire != channel::SPINDLE || !cutter.kind.cuts_at_rest())
     }
 
-    /// The greatest S, and that of the output for S at 100 %, if it is above that.
+    /// Returns the greatest S and `card.spindle_pwm.max_s`, if S is above it.
     fn speed_above_limit(&self) -> Option<(f64, f64)> {
         let max_s = f64::from(self.machine.spindle_pwm()?.full_scale) / 1000.0;
         let most = self.analysis.speed_rpm?.greatest;

@@ -5,7 +5,8 @@
 // each, and `steps`, counts by which the handwheel's encoder turns. The card takes all of that, and then computes one
 // control period; the answer is a line of JSON: `us`, the chip's time, `computed`, false before the first byte, `bytes`
 // of the card, `nets`, the net pulses at the pins in each period that has ended since, `outputs`, the levels of the
-// output pins, and `pwm`, the last cycle of the output for S: cycles that it was high, and in all. The end of the input ends the run; a report is written to standard error.
+// output pins, and `pwm`, the last cycle of the output for S: clock cycles that it was high, and in all. The end of the
+// input ends the run; a report is written to standard error.
 //
 // Invariant: no control period is computed while the card has bytes or commands of a request. Where that would be, the
 // step generator seems to be full until they are done, and the period is late: `held` counts that.
@@ -108,7 +109,8 @@ function answer({ bytes, inputs, steps }) {
     if (board.cycles > until) throw new Error('the card computes no period');
   }
   const outputs = OUTPUTS.reduce((levels, pin, n) => levels | ((gpio[pin].value === 1 ? 1 : 0) << n), 0);
-  const line = { us: Math.floor(board.cycles / 125), computed: started, bytes: fromCard, nets, outputs, pwm: scope.pwmCycle() };
+  const us = Math.floor(board.cycles / 125);
+  const line = { us, computed: started, bytes: fromCard, nets, outputs, pwm: scope.pwmCycle() };
   [fromCard, nets] = [[], []];
   writeSync(1, `${JSON.stringify(line)}\n`);
 }

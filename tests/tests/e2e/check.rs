@@ -121,7 +121,10 @@ fn s_beyond_the_output_for_it_is_told() {
     bench.file("m.toml", "[card.spindle_pwm]\nmax_s = 18000\n");
     bench.file("p.ngc", "G21\nM3 S12000\nG4 P1\nS24000\nM5\nM2\n");
     let check = |more: &[&str]| bench.retrace(&[&["check", "p.ngc"], more].concat()).out;
-    assert_contains(&check(&["--machine", "m.toml"]), &["warning: S24000 is above max_s = 18000 of card.spindle_pwm"]);
+    assert_contains(
+        &check(&["--machine", "m.toml"]),
+        &["warning: S24000 is above the max_s of card.spindle_pwm, 18000: the output stays at 100 %"],
+    );
     let summary = last(&check(&["--machine", "m.toml", "--json"]));
     assert_eq!(summary["speed_above_limit"], serde_json::json!({"s": 24000.0, "max_s": 18000.0}));
     assert_eq!(last(&check(&["--json"]))["speed_above_limit"], Value::Null);

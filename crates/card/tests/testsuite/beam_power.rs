@@ -6,6 +6,7 @@ use crate::common;
 
 use common::{DOOR, TestCard, identity, levels, settings};
 use proptest::prelude::*;
+use retrace_card::spindle_pwm::PwmSignal;
 use retrace_core::{FeedShare, Flags, Rate, Record, RecordIndex};
 use retrace_link::{
     BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CuttingChannel, CuttingSettings,
@@ -147,11 +148,11 @@ fn the_output_for_s_has_the_power_of_the_beam() {
     for period in 0..PIERCE + 60 {
         let status = bench.period(if period == PIERCE + 45 { DOOR } else { 0 });
         let wanted = ((i64::from(status.beam_power) << 16) / (4 * i64::from(S))) as u32;
-        assert_eq!(bench.0.spindle_pwm(), Some((1000, wanted)));
+        assert_eq!(bench.0.spindle_pwm(), Some(PwmSignal { hz: 1000, duty: wanted }));
         lit += u32::from(wanted > 0);
     }
     assert!(lit > PIERCE + 20, "{lit}");
-    assert_eq!(bench.0.spindle_pwm(), Some((1000, 0)), "after an alarm");
+    assert_eq!(bench.0.spindle_pwm(), Some(PwmSignal { hz: 1000, duty: 0 }), "after an alarm");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 //! Invariant: the main loop reaches the hardware through [`Board`] alone; nothing above this folder depends on the
 //! microcontroller.
 
+use retrace_card::spindle_pwm::PwmSignal;
 use retrace_firmware::AXES;
 use retrace_firmware::step_batch::StepBatch;
 use retrace_link::{CardIdentity, Outputs};
@@ -67,9 +68,9 @@ pub(crate) trait Board {
     /// Switches the outputs.
     fn set_outputs(&mut self, outputs: &Outputs);
 
-    /// Sets the frequency in Hz of the output for S and its duty cycle, 0 … 2¹⁶; `None` is low. A board without this
-    /// output has nothing to do: the card refuses settings with it.
-    fn set_spindle_pwm(&mut self, _pwm: Option<(u16, u32)>) {}
+    /// Sets the output for S; `None` is low. A board without this output has nothing to do: the card refuses settings
+    /// with it.
+    fn set_spindle_pwm(&mut self, _signal: Option<PwmSignal>) {}
 
     /// Returns the processor's cycles since an arbitrary moment, modulo 2²⁴.
     fn cycles(&self) -> u32;

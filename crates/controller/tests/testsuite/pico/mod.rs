@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use retrace_card::spindle_pwm::FULL;
+use retrace_card::spindle_pwm::{FULL, PwmSignal};
 use retrace_card::{InputLevels, LinkedCard as Card};
 use retrace_config::MachineConfig;
 use retrace_controller::{
@@ -93,8 +93,8 @@ fn output_levels(outputs: &Outputs) -> u16 {
 }
 
 /// Whether a cycle of the output for S has this duty cycle, within the processor's instructions.
-fn is_duty([high, cycle]: [u64; 2], pwm: Option<(u16, u32)>) -> bool {
-    let duty = pwm.map_or(0.0, |(_, duty)| f64::from(duty) / f64::from(FULL));
+fn is_duty([high, cycle]: [u64; 2], signal: Option<PwmSignal>) -> bool {
+    let duty = signal.map_or(0.0, |signal| f64::from(signal.duty) / f64::from(FULL));
     (high as f64 / cycle as f64 - duty).abs() <= 0.0005
 }
 
@@ -140,11 +140,11 @@ fn compare(
         if step.outputs != output_levels(&status.outputs) {
             return Err(format!("period {period}: the outputs are {:#b}: {status:?}", step.outputs));
         }
-        if !pwm.iter().any(|&pwm| is_duty(step.pwm, pwm)) {
+        if !pwm.iter().any(|&signal| is_duty(step.pwm, signal)) {
             return Err(format!("period {period}: S is out for {:?} cycles, not {pwm:?}: {status:?}", step.pwm));
         }
         pwm = [pwm[1], card.card().spindle_pwm()];
-        compared.modulated += usize::from(pwm[1].is_some_and(|(_, duty)| 0 < duty && duty < FULL));
+        compared.modulated += usize::from(pwm[1].is_some_and(|signal| 0 < signal.duty && signal.duty < FULL));
         if path.is_some_and(|path| path.position(status.place) != status.counts) {
             return Err(format!("period {period}: off the path: {status:?}"));
         }
@@ -290,8 +290,8 @@ fn pins_of_random_jobs_are_those_of_the_simulator() {
     let built_in = MachineConfig::built_in().expect("valid");
     let fast = MachineConfig::parse(FAST, "fast").expect("valid");
     let laser = laser();
-    // the suite has short jobs
-    let moves = if periods < 10_000 { 4 } else { 12 };
+    // The suite has short jobs; a seed that is asked for has the same job whatever the number of periods.
+    let moves = if std::env::var_os("RETRACE_FIRST_SEED").is_some() { 12 } else { 4 };
     let (mut all, mut jobs) = (Compared::default(), 0);
     for seed in first.. {
         let mut random = Random::new(seed);

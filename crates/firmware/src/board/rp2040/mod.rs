@@ -17,6 +17,7 @@ mod step_generator;
 mod usb_line;
 mod watchdog;
 
+use retrace_card::spindle_pwm::PwmSignal;
 use retrace_firmware::AXES;
 use retrace_firmware::rp2040::IDENTITY;
 use retrace_firmware::step_batch::StepBatch;
@@ -100,8 +101,8 @@ impl Board for Rp2040 {
         ports::set_outputs(outputs);
     }
 
-    fn set_spindle_pwm(&mut self, pwm: Option<(u16, u32)>) {
-        self.spindle_pwm.set(pwm);
+    fn set_spindle_pwm(&mut self, signal: Option<PwmSignal>) {
+        self.spindle_pwm.set(signal);
     }
 
     fn cycles(&self) -> u32 {

@@ -3,6 +3,7 @@
 //! Invariant: at a duty cycle of 0 the pin is forced low at once; the counter takes every other one at the begin of its
 //! next cycle.
 
+use retrace_card::spindle_pwm::PwmSignal;
 use retrace_firmware::rp2040::pins::SPINDLE_PWM_PIN;
 use retrace_firmware::rp2040::pwm::PwmCounter;
 
@@ -14,10 +15,9 @@ const PWM: u32 = 4;
 /// Bit of the control register: the counter runs.
 const ENABLED: u32 = 1;
 
-/// The output for S.
+/// The output for S: what is set, and the counter for its frequency.
 pub(super) struct SpindlePwm {
-    hz: u16,
-    duty: u32,
+    signal: PwmSignal,
     counter: PwmCounter,
 }
 
@@ -25,17 +25,17 @@ impl SpindlePwm {
     /// Starts the output, low.
     pub(super) fn start() -> Self {
         set_low();
-        Self { hz: 0, duty: 0, counter: PwmCounter::of(0) }
+        Self { signal: PwmSignal { hz: 0, duty: 0 }, counter: PwmCounter::of(0) }
     }
 
     /// Sets frequency and duty cycle; `None` is low.
-    pub(super) fn set(&mut self, pwm: Option<(u16, u32)>) {
-        let (hz, duty) = pwm.unwrap_or((self.hz, 0));
-        if hz != self.hz {
+    pub(super) fn set(&mut self, signal: Option<PwmSignal>) {
+        let PwmSignal { hz, duty } = signal.unwrap_or(PwmSignal { duty: 0, ..self.signal });
+        if hz != self.signal.hz {
             self.change_frequency(hz);
         }
-        if duty != self.duty {
-            self.duty = duty;
+        if duty != self.signal.duty {
+            self.signal.duty = duty;
             PWM_LEVELS.write(u32::from(self.counter.level(duty)));
             if duty == 0 { set_low() } else { pin_control(SPINDLE_PWM_PIN).write(PWM) }
         }
@@ -43,7 +43,7 @@ impl SpindlePwm {
 
     fn change_frequency(&mut self, hz: u16) {
         set_low();
-        (self.hz, self.duty, self.counter) = (hz, 0, PwmCounter::of(hz));
+        (self.signal, self.counter) = (PwmSignal { hz, duty: 0 }, PwmCounter::of(hz));
         PWM_CONTROL.write(0);
         PWM_DIVIDER.write(u32::from(self.counter.divider) << 4);
         PWM_TOP.write(u32::from(self.counter.top));
