@@ -27,6 +27,8 @@ const SETTLED = 8;
 /** Part of a frame of 1 ms in which the card may offer a packet (erratum RP2040-E15), and what it may be off. */
 const OFFERED = 800 * US;
 const LATE = 2 * US;
+/** The register with the number of the frame. */
+const FRAME = 0x48;
 /** Longest wait for the end of a request. */
 const PATIENCE = 500 * MS;
 const PACKET = 64;
@@ -46,6 +48,7 @@ export class UsbHost {
     this.busyUntil = 0;
     this.written = new Map();
     this.usb.DPRAMUpdated = (offset, value) => this.checkWrite(offset, value);
+    this.countFrames();
     this.begin();
   }
 
@@ -157,7 +160,6 @@ export class UsbHost {
   /** Does what is due on the bus. Returns the number of bytes of `toCard` that the card has taken. */
   serve(toCard) {
     const now = this.board.cycles;
-    if (this.plugged) this.usb.sofFrameNumber = Math.floor(now / MS) & 0x7ff;
     if (!this.plugged || now < this.busyUntil) return 0;
     if (this.control?.until !== undefined) {
       if (now >= this.control.until) this.advance();
@@ -273,6 +275,17 @@ export class UsbHost {
     return true;
   }
 
+  /** Shows the card the number of the frame at the moment in which it looks; without a cable that stands still. */
+  countFrames() {
+    const read = this.usb.readUint32.bind(this.usb);
+    let number = 0;
+    this.usb.readUint32 = (offset) => {
+      if (offset !== FRAME) return read(offset);
+      if (this.plugged) number = Math.floor(this.board.cycles / MS) & 0x7ff;
+      return number;
+    };
+  }
+
   occupy(bytes) {
     this.busyUntil = this.board.cycles + Math.ceil((bytes + OVERHEAD) * BYTE);
   }
@@ -285,7 +298,7 @@ export class UsbHost {
     if (!(value & AVAILABLE)) return;
     const isToHost = this.inEndpoint > 0 && offset === 0x80 + 8 * this.inEndpoint;
     if (isToHost && this.isOpen && this.board.cycles % MS > OFFERED + LATE) {
-      throw new Error('a packet is offered in the last part of a frame');
+      throw new Error(`a packet is offered ${(this.board.cycles % MS) / US} µs behind the begin of a frame`);
     }
     if (before?.value !== (value & ~AVAILABLE) || this.board.cycles - before.at < SETTLED) {
       throw new Error(`a buffer's control at ${offset.toString(16)} is valid before it is settled`);
