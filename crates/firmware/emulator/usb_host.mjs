@@ -275,7 +275,7 @@ export class UsbHost {
     return true;
   }
 
-  /** Shows the card the number of the frame at the moment in which it looks; without a cable that stands still. */
+  /** Returns the number of the frame at the time of each read. It does not change while the cable is unplugged. */
   countFrames() {
     const read = this.usb.readUint32.bind(this.usb);
     let number = 0;
@@ -298,7 +298,7 @@ export class UsbHost {
     if (!(value & AVAILABLE)) return;
     const isToHost = this.inEndpoint > 0 && offset === 0x80 + 8 * this.inEndpoint;
     if (isToHost && this.isOpen && this.board.cycles % MS > OFFERED + LATE) {
-      throw new Error(`a packet is offered ${(this.board.cycles % MS) / US} µs behind the begin of a frame`);
+      throw new Error(`a packet is offered ${(this.board.cycles % MS) / US} µs after the start of a frame`);
     }
     if (before?.value !== (value & ~AVAILABLE) || this.board.cycles - before.at < SETTLED) {
       throw new Error(`a buffer's control at ${offset.toString(16)} is valid before it is settled`);

@@ -264,11 +264,10 @@ fn run(
     finish(identity, card.card.into_port(), Some(&path))
 }
 
-/// Number of control periods, and the seed of the first job: `cargo xtask campaign pico`.
-fn asked(usual: usize) -> (usize, u64) {
-    let text = |name: &str| std::env::var(name).ok();
-    let periods = text("RETRACE_CASES").and_then(|text| text.parse().ok()).unwrap_or(usual);
-    (periods, text("RETRACE_FIRST_SEED").and_then(|text| text.parse().ok()).unwrap_or(1))
+/// Number of control periods, and the seed of the first job if `cargo xtask campaign pico` gives one.
+fn asked(usual: usize) -> (usize, Option<u64>) {
+    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    (number("RETRACE_CASES").map_or(usual, |periods| periods as usize), number("RETRACE_FIRST_SEED"))
 }
 
 /// What is done to the card in one job.
@@ -286,12 +285,12 @@ fn surroundings(random: &mut Random) -> Surroundings {
 #[test]
 #[ignore = "needs the image and its emulator: cargo xtask firmware test, cargo xtask campaign pico"]
 fn pins_of_random_jobs_are_those_of_the_simulator() {
-    let (periods, first) = asked(1000);
+    let (periods, seed) = asked(1000);
     let built_in = MachineConfig::built_in().expect("valid");
     let fast = MachineConfig::parse(FAST, "fast").expect("valid");
     let laser = laser();
-    // The suite has short jobs; a seed that is asked for has the same job whatever the number of periods.
-    let moves = if std::env::var_os("RETRACE_FIRST_SEED").is_some() { 12 } else { 4 };
+    // The suite has short jobs. A seed of a campaign has the same job for any number of periods.
+    let (first, moves) = seed.map_or((1, 4), |seed| (seed, 12));
     let (mut all, mut jobs) = (Compared::default(), 0);
     for seed in first.. {
         let mut random = Random::new(seed);

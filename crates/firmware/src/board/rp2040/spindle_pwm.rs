@@ -1,7 +1,7 @@
 //! The output for S: the speed of a spindle, or the power of a beam (RP2040 data sheet, 4.5).
 //!
-//! Invariant: at a duty cycle of 0 the pin is forced low at once; the counter takes every other one at the begin of its
-//! next cycle.
+//! Invariant: a duty cycle of 0 forces the pin low at once; any other takes effect at the start of the counter's next
+//! cycle.
 
 use retrace_card::spindle_pwm::PwmSignal;
 use retrace_firmware::rp2040::pins::SPINDLE_PWM_PIN;
