@@ -27,6 +27,8 @@ const SETTLED = 8;
 /** Part of a frame of 1 ms in which the card may offer a packet (erratum RP2040-E15), and what it may be off. */
 const OFFERED = 800 * US;
 const LATE = 2 * US;
+/** Longest time from the card's last read of the number of the frame to its offer: 1.54 µs and an interrupt of 0.48. */
+const FRAME_AGE = 2.1 * US;
 /** The register with the number of the frame. */
 const FRAME = 0x48;
 /** Longest wait for the end of a request. */
@@ -281,6 +283,7 @@ export class UsbHost {
     let number = 0;
     this.usb.readUint32 = (offset) => {
       if (offset !== FRAME) return read(offset);
+      this.frameReadAt = this.board.cycles;
       if (this.plugged) number = Math.floor(this.board.cycles / MS) & 0x7ff;
       return number;
     };
@@ -297,6 +300,10 @@ export class UsbHost {
     this.written.set(offset, { value, at: this.board.cycles });
     if (!(value & AVAILABLE)) return;
     const isToHost = this.inEndpoint > 0 && offset === 0x80 + 8 * this.inEndpoint;
+    const frameAge = this.board.cycles - this.frameReadAt;
+    if (isToHost && this.isOpen && frameAge > FRAME_AGE) {
+      throw new Error(`a packet is offered ${frameAge / US} µs after the card last read the number of the frame`);
+    }
     if (isToHost && this.isOpen && this.board.cycles % MS > OFFERED + LATE) {
       throw new Error(`a packet is offered ${(this.board.cycles % MS) / US} µs after the start of a frame`);
     }
