@@ -76,9 +76,12 @@ const FAILURES: [Failure; 6] = [
     Failure { event: "kill", line: Line::Usb, judge: host_is_silent, is_noticed: false, goes_on: true },
 ];
 
-/// Whether the card has done what it has to without a host.
+/// Whether the card has done what it has to without a host. It runs then, and its output for S does not end its cycle
+/// before it goes low with the spindle.
 fn host_is_silent(seen: &Value) -> bool {
-    is_off_within(seen, 260 * CYCLES_PER_MS) && within(seen, "steps_ended", 450 * CYCLES_PER_MS)
+    let goes_low_at_once =
+        seen["spindle_off"].as_u64().is_some_and(|off| within(seen, "pwm_off", off + CYCLES_PER_MS / 50));
+    is_off_within(seen, 260 * CYCLES_PER_MS) && within(seen, "steps_ended", 450 * CYCLES_PER_MS) && goes_low_at_once
 }
 
 /// Whether the spindle was off by then, and the output for its speed low.
