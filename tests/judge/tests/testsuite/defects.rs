@@ -193,7 +193,7 @@ fn judge_loss_at_the_end(pulses: i64, is_tried: bool) -> String {
             period.counts[0] += if period.place > end - 4.0 { pulses } else { 0 };
             period.is_proven &= !is_lost;
         }
-        let path = folder.join(format!("{name}-{pulses}.vcd"));
+        let path = folder.join(format!("{name}-{pulses}-{is_tried}.vcd"));
         fs::write(&path, trace.vcd()).expect("a trace");
         path.display().to_string()
     };
