@@ -23,6 +23,8 @@ pub struct Terminal {
     child: Child,
     pty: Arc<Pty>,
     cells: Arc<Mutex<Parser>>,
+    /// Every byte that was written to it.
+    written: Arc<Mutex<Vec<u8>>>,
     /// Its state folder, unless the environment sets another one.
     _state: TempDir,
 }
@@ -68,19 +70,22 @@ impl Terminal {
         let child = command.spawn(pts).expect("the retrace command runs");
         let (pty, cells) = (Arc::new(pty), Arc::new(Mutex::new(Parser::new(rows, columns, 0))));
         let (from, to) = (Arc::clone(&pty), Arc::clone(&cells));
+        let written = Arc::new(Mutex::new(Vec::new()));
+        let transcript = Arc::clone(&written);
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
             let mut pending = Vec::new();
             // The terminal reports that it is closed when the command has ended.
             while let Ok(count @ 1..) = (&*from).read(&mut bytes) {
                 pending.extend_from_slice(&bytes[..count]);
+                transcript.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(&bytes[..count]);
                 let whole = whole_updates(&pending);
                 to.lock().unwrap_or_else(PoisonError::into_inner).process(&pending[..whole]);
                 pending.drain(..whole);
             }
             to.lock().unwrap_or_else(PoisonError::into_inner).process(&pending);
         });
-        Self { child, pty, cells, _state: state }
+        Self { child, pty, cells, written, _state: state }
     }
 
     /// Presses these keys, in the encoding of a terminal.
@@ -105,6 +110,12 @@ impl Terminal {
     #[must_use]
     pub fn text(&self) -> String {
         self.cells.lock().unwrap_or_else(PoisonError::into_inner).screen().contents()
+    }
+
+    /// Everything that was written to it, with the escape sequences; [`Terminal::text`] is what is left of it.
+    #[must_use]
+    pub fn transcript(&self) -> String {
+        String::from_utf8_lossy(&self.written.lock().unwrap_or_else(PoisonError::into_inner)).into_owned()
     }
 
     /// Whether the alternate screen is active, which a full-screen command uses.
