@@ -38,7 +38,7 @@ pub use checked_settings::CheckedSettings;
 pub use homing::{HomingEnd, HomingSearch};
 pub use inputs::{InputLevels, Inputs};
 pub use layer::{LayerDrive, LayerProgress, SheetFault};
-pub use linked_card::LinkedCard;
+pub use linked_card::{LentCard, LinkedCard};
 pub use outputs::OutputBank;
 pub use permit::CutterPermit;
 pub use player::Player;

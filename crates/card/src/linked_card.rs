@@ -4,18 +4,30 @@
 //! Invariant: the core receives commands only in their order, and every period is reported.
 
 use retrace_core::Record;
-use retrace_link::{CardCore, CardEndpoint, CardIdentity, CardStatus};
+use retrace_link::wire::ReportEntry;
+use retrace_link::{CardCore, CardEndpoint, CardIdentity, CardStatus, EntryStorage};
 
 use crate::window::RecordStorage;
 use crate::{Card, CheckedSettings, InputLevels};
 
 /// Card for `A` axes, a window of `W` records, averages of up to `M` periods, and `E` entries of reports that are not
-/// acknowledged (a power of two).
+/// acknowledged (a power of two). The records are stored in `S`, the entries in `T`.
 #[derive(Clone, Debug)]
-pub struct LinkedCard<const A: usize, const W: usize, const M: usize, const E: usize, S = [Record<A>; W]> {
+pub struct LinkedCard<
+    const A: usize,
+    const W: usize,
+    const M: usize,
+    const E: usize,
+    S = [Record<A>; W],
+    T = [ReportEntry; E],
+> {
     card: Card<A, W, M, S>,
-    endpoint: CardEndpoint<A, E>,
+    endpoint: CardEndpoint<A, E, T>,
 }
+
+/// A [`LinkedCard`] whose large arrays are provided by [`LinkedCard::lend_memory`].
+pub type LentCard<const A: usize, const W: usize, const M: usize, const E: usize> =
+    LinkedCard<A, W, M, E, &'static mut [Record<A>], &'static mut [ReportEntry]>;
 
 impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<A, W, M, E> {
     /// Creates a card without an epoch; `None` as [`Card::new`]. As a constant it is placed by the linker: built at run
@@ -29,20 +41,21 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<
     }
 }
 
-impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<A, W, M, E, &'static mut [Record<A>]> {
-    /// Creates a card as [`LinkedCard::new`] does, with a window whose records are provided by
-    /// [`LinkedCard::lend_records`].
+impl<const A: usize, const W: usize, const M: usize, const E: usize> LentCard<A, W, M, E> {
+    /// Creates a card as [`LinkedCard::new`] does, whose records and entries are provided by
+    /// [`LinkedCard::lend_memory`].
     #[must_use]
-    pub const fn without_records(identity: CardIdentity) -> Option<Self> {
+    pub const fn without_memory(identity: CardIdentity) -> Option<Self> {
         match Card::without_records(identity) {
-            Some(card) => Some(Self { card, endpoint: CardEndpoint::new() }),
+            Some(card) => Some(Self { card, endpoint: CardEndpoint::without_entries() }),
             None => None,
         }
     }
 
-    /// Sets the storage of the records, as [`Card::lend_records`] does.
-    pub fn lend_records(&mut self, records: &'static mut [Record<A>; W]) {
+    /// Sets the storage of records and entries. To be called before the serial line is served.
+    pub fn lend_memory(&mut self, records: &'static mut [Record<A>; W], entries: &'static mut [ReportEntry; E]) {
         self.card.lend_records(records);
+        self.endpoint.lend_entries(entries);
     }
 }
 
@@ -52,7 +65,11 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize, S: RecordSt
     pub fn with_records(identity: CardIdentity, records: S) -> Option<Self> {
         Some(Self { card: Card::with_records(identity, records)?, endpoint: CardEndpoint::new() })
     }
+}
 
+impl<const A: usize, const W: usize, const M: usize, const E: usize, S: RecordStorage<A>, T: EntryStorage>
+    LinkedCard<A, W, M, E, S, T>
+{
     /// Sets serial number and start number, as [`Card::set_identity`] does.
     pub const fn set_identity(&mut self, serial: u32, boot: u32) {
         self.card.set_identity(serial, boot);

@@ -3,8 +3,9 @@
 //! Invariant: a step batch is computed only when there is space for it, so that none is ever lost; a delay stretches
 //! time, not the path. A step generator that takes no more batches ends in the halt, with every output low.
 
-use retrace_card::{InputLevels, LinkedCard};
+use retrace_card::{InputLevels, LentCard};
 use retrace_core::Record;
+use retrace_link::wire::ReportEntry;
 use retrace_firmware::step_batch::{StepBatch, StepShape};
 use retrace_firmware::{AXES, ENTRIES, MEMORY, WINDOW, boot};
 
@@ -18,11 +19,11 @@ const CHUNK: usize = 64;
 /// watchdog of the card would switch a cutter off.
 const STEP_GENERATOR_TIMEOUT: u32 = 12_000_000;
 
-type Card = LinkedCard<AXES, WINDOW, MEMORY, ENTRIES, &'static mut [Record<AXES>]>;
+type Card = LentCard<AXES, WINDOW, MEMORY, ENTRIES>;
 
-/// The initial card. It is a constant so that it never passes over the stack. The records of its window are stored
+/// The initial card. It is a constant so that it never passes over the stack. Its large arrays are stored
 /// separately: they are zeros, which need no flash.
-const FRESH: Card = match Card::without_records(ThisBoard::IDENTITY) {
+const FRESH: Card = match Card::without_memory(ThisBoard::IDENTITY) {
     Some(card) => card,
     None => unreachable!(),
 };
@@ -31,7 +32,8 @@ const FRESH: Card = match Card::without_records(ThisBoard::IDENTITY) {
 fn main() -> ! {
     static mut CARD: Card = FRESH;
     static mut RECORDS: [Record<AXES>; WINDOW] = [Record::ZERO; WINDOW];
-    CARD.lend_records(RECORDS);
+    static mut REPORT_ENTRIES: [ReportEntry; ENTRIES] = [ReportEntry::NOTHING; ENTRIES];
+    CARD.lend_memory(RECORDS, REPORT_ENTRIES);
     let mut board = ThisBoard::start();
     let starts = board.count_start();
     DIAGNOSTICS.mark_valid();

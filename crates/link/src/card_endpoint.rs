@@ -25,9 +25,16 @@ const STATE_CRC_BYTES: usize = 4;
 /// number small while the line is down.
 const IN_FLIGHT: u16 = 96;
 
-/// The card's endpoint for `A` axes, with up to `E` entries that the host has not acknowledged.
+/// Storage for the entries of reports: an array, or a borrowed slice.
+pub trait EntryStorage: AsRef<[ReportEntry]> + AsMut<[ReportEntry]> {}
+
+impl<S: AsRef<[ReportEntry]> + AsMut<[ReportEntry]>> EntryStorage for S {}
+
+/// The card's endpoint for `A` axes, with up to `E` entries that the host has not acknowledged, which are stored in
+/// `S`: usually its own array. On a microcontroller the storage is provided separately, so that the card's initial
+/// value in flash does not contain it.
 #[derive(Clone, Debug)]
-pub struct CardEndpoint<const A: usize, const E: usize> {
+pub struct CardEndpoint<const A: usize, const E: usize, S = [ReportEntry; E]> {
     decoder: FrameDecoder<MAX_PAYLOAD>,
     pending: PendingCommands<A>,
     epoch: u16,
@@ -42,7 +49,7 @@ pub struct CardEndpoint<const A: usize, const E: usize> {
     /// Number of the last accepted rate.
     rate_seq: u16,
     command_gap: bool,
-    entries: [ReportEntry; E],
+    entries: S,
     /// Number of the oldest entry retained.
     first: u16,
     count: u16,
@@ -117,6 +124,26 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     #[doc(hidden)]
     #[must_use]
     pub const fn starting_at(first_numbers: FirstNumbers, last_epoch: u16) -> Self {
+        Self::with_storage([ReportEntry::NOTHING; E], first_numbers, last_epoch)
+    }
+}
+
+impl<const A: usize, const E: usize> CardEndpoint<A, E, &'static mut [ReportEntry]> {
+    /// Creates an endpoint as [`CardEndpoint::new`] does, whose entries are provided by
+    /// [`CardEndpoint::lend_entries`].
+    #[must_use]
+    pub const fn without_entries() -> Self {
+        Self::with_storage(&mut [], FirstNumbers::protocol(), 0)
+    }
+
+    /// Sets the storage of the entries. To be called before the serial line is served.
+    pub fn lend_entries(&mut self, entries: &'static mut [ReportEntry; E]) {
+        self.entries = entries;
+    }
+}
+
+impl<const A: usize, const E: usize, S> CardEndpoint<A, E, S> {
+    const fn with_storage(entries: S, first_numbers: FirstNumbers, last_epoch: u16) -> Self {
         const {
             assert!(
                 E >= 16 && E <= 16384 && E.is_power_of_two(),
@@ -134,7 +161,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             next_command: 0,
             rate_seq: 0,
             command_gap: false,
-            entries: [ReportEntry::Inputs(0); E],
+            entries,
             first: 0,
             count: 0,
             sent: 0,
@@ -155,7 +182,9 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             staged: (0, 0),
         }
     }
+}
 
+impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
     /// Returns the open epoch, or 0.
     #[must_use]
     pub const fn epoch(&self) -> u16 {
@@ -326,7 +355,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         let (distance, starved, at_rest) = (status.rate.over(1), status.starved, status.at_rest);
         let newest = self.first.wrapping_add(self.count).wrapping_sub(1);
         let unsent = self.count > 0 && newest.wrapping_sub(self.sent_once) < self.count;
-        let last = &mut self.entries[usize::from(newest) % E];
+        let last = &mut self.entries.as_mut()[usize::from(newest) % E];
         match last {
             ReportEntry::Ran { distance: t, count, starved: s, at_rest: r }
                 if unsent && (*t, *s, *r) == (distance, starved, at_rest) && *count < u32::MAX =>
@@ -396,7 +425,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             self.entries_lost = true;
             return;
         }
-        self.entries[usize::from(self.first.wrapping_add(self.count)) % E] = entry;
+        self.entries.as_mut()[usize::from(self.first.wrapping_add(self.count)) % E] = entry;
         self.count += 1;
     }
 
@@ -479,7 +508,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         let end = self.first.wrapping_add(self.count);
         let most = self.frames.max_payload() - STATE_CRC_BYTES;
         while self.sent != end && self.sent.wrapping_sub(self.first) < IN_FLIGHT {
-            let entry = self.entries[usize::from(self.sent) % E];
+            let entry = self.entries.as_ref()[usize::from(self.sent) % E];
             let length = writer.len();
             if entry.write(writer).is_none() || writer.len() > most {
                 writer.truncate(length);
@@ -517,7 +546,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         decoder.hash_state(state);
         pending.hash_state(state);
         (epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap).hash(state);
-        (0..*count).for_each(|k| entries[usize::from(first.wrapping_add(k)) % E].hash(state));
+        (0..*count).for_each(|k| entries.as_ref()[usize::from(first.wrapping_add(k)) % E].hash(state));
         (first, count, sent, sent_once, entries_lost, reported).hash(state);
         (greeting, nonce, key, frame_received, report_periods).hash(state);
         (*since_report).min(u32::from(*report_periods)).hash(state);

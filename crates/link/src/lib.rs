@@ -40,7 +40,7 @@ mod settings;
 pub mod wire;
 
 pub use alarm::Alarm;
-pub use card_endpoint::CardEndpoint;
+pub use card_endpoint::{CardEndpoint, EntryStorage};
 pub use card_failure::CardFailure;
 pub use cutting::{
     BeamPower, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, LINEAR_POWER, MAX_CUTTING_CHANNELS,

@@ -51,6 +51,11 @@ pub enum ReportEntry {
     Layer(i32),
 }
 
+impl ReportEntry {
+    /// No period. Its memory is all zeros, so that an array of it needs no flash.
+    pub const NOTHING: Self = Self::Ran { distance: Distance::ZERO, count: 0, starved: false, at_rest: false };
+}
+
 const RAN: u8 = 0;
 const OUTPUT: u8 = 1;
 const EXECUTED: u8 = 2;
