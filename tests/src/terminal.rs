@@ -182,7 +182,7 @@ impl Terminal {
             }
             sleep(Duration::from_millis(10));
         }
-        panic!("the command did not end:\n{}", self.text())
+        panic!("the command did not end:\n{}\n{:?}", self.text(), self.transcript())
     }
 }
 

@@ -100,10 +100,10 @@ fn tests(root: &Path, settings: &Settings) -> Outcome {
     };
     let mut command = process::cargo(root, &["test"]);
     command.args(TESTED).args(["--tests", "--no-fail-fast"]);
-    // Many end-to-end tests wait for machine time: seven at a time on two processors.
+    // Many end-to-end tests wait for machine time: eight at a time on two processors.
     if std::env::var_os("RUST_TEST_THREADS").is_none() {
         let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
-        command.env("RUST_TEST_THREADS", (7 * processors).div_ceil(2).to_string());
+        command.env("RUST_TEST_THREADS", (4 * processors).to_string());
     }
     let list = root.join("target/not-run.txt");
     // a list of the run before would be counted again

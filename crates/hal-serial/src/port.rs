@@ -60,6 +60,8 @@ pub struct SerialPort {
     port: Option<Box<dyn serialport::SerialPort>>,
     usb: Option<UsbDevice>,
     is_pty: bool,
+    /// Time at which the pseudo-terminal of this path was made; `None` for another device, and for a link.
+    pty_made: Option<PtyTime>,
     latency: LatencyTimer,
     started: Instant,
     budget: WritePacing,
@@ -82,6 +84,7 @@ impl SerialPort {
         Ok(Self {
             usb: usb_of(&address.path),
             is_pty: address.path.canonicalize().is_ok_and(|path| path.starts_with("/dev/pts")),
+            pty_made: pty_made(&address.path),
             latency: set_low_latency(&address.path),
             address: address.clone(),
             port: Some(port),
@@ -116,13 +119,17 @@ impl SerialPort {
     }
 
     /// Opens the port again after it was lost, in one attempt: under the same path, or, where the adapter has a serial
-    /// number, under its current path. The clock continues. The card behind it may be another one, so its position has
-    /// to be queried again.
+    /// number, under its current path. The number of a pseudo-terminal is given away again when it is gone: another one
+    /// is not opened. The clock continues. The card behind it may be another one, so its position has to be queried
+    /// again.
     ///
     /// # Errors
     /// As [`SerialPort::open`].
     pub fn reopen(&mut self) -> Result<(), PortError> {
         self.port = None;
+        if self.pty_made.is_some() && pty_made(&self.address.path) != self.pty_made {
+            return Err(PortError::absent(&self.address.path, &[]));
+        }
         let path = match &self.usb {
             None => self.address.path.clone(),
             Some(usb) => {
@@ -237,6 +244,23 @@ impl BytePort for SerialPort {
         std::thread::sleep(RETRY_INTERVAL);
         self.reopen().is_ok()
     }
+}
+
+/// Seconds and nanoseconds at which a device file was made.
+type PtyTime = (i64, i64);
+
+/// When the pseudo-terminal of this path was made, unless the path is a link, which is to lead to another one later.
+#[cfg(unix)]
+fn pty_made(path: &std::path::Path) -> Option<PtyTime> {
+    use std::os::unix::fs::MetadataExt;
+    let file = path.starts_with("/dev/pts").then(|| std::fs::symlink_metadata(path).ok())??;
+    Some((file.ctime(), file.ctime_nsec()))
+}
+
+/// Elsewhere there are none.
+#[cfg(not(unix))]
+fn pty_made(_: &std::path::Path) -> Option<PtyTime> {
+    None
 }
 
 /// Opens the device file and discards the bytes that were received before.

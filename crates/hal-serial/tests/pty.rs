@@ -158,3 +158,21 @@ fn a_closed_other_end_is_a_lost_line_and_may_come_back() {
     host.reopen_within(Duration::from_secs(5)).expect("there again");
     assert!(host.is_open() && host.address().path == name);
 }
+
+/// Another test's terminal, for example, which has got the number of a card that is gone.
+#[test]
+fn another_pseudo_terminal_of_the_same_number_is_not_opened() {
+    let (card, mut host) = pair();
+    host.reopen().expect("it is the same one");
+    let path = card.path().to_owned();
+    drop(card);
+    assert_eq!(host.reopen().expect_err("it is gone").number, "E2141");
+    // The time of a device file is that of a tick of the kernel.
+    std::thread::sleep(Duration::from_millis(20));
+    let mut others = Vec::new();
+    while !path.exists() && others.len() < 100 {
+        others.push(Pty::open().expect("a pseudo-terminal"));
+    }
+    assert!(path.exists(), "the number is used again");
+    assert_eq!(host.reopen().expect_err("another one").number, "E2141");
+}
