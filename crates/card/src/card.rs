@@ -124,13 +124,16 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
     /// Runs one control period.
     pub fn run_period(&mut self, inputs: InputLevels) -> &CardStatus<A> {
         let wheel = self.inputs.read(&inputs);
+        self.player.observe_probe(self.inputs.active(), inputs.probe_change);
         self.instruction_failed = inputs.failed;
         let homing = self.homing.as_ref().map(HomingSearch::target_switch);
         let lit = self.player.is_lit();
         // Only the door switch and the collision inputs depend on it.
         let acting = self.inputs.active() != 0 && (homing.is_some() || lit || self.player.is_about_to_act());
         self.player.set_collision(self.inputs.collision(true, 0));
-        if let Some(alarm) = self.safety.check(&self.inputs, MotionState { moving_or_switching: acting, lit, homing }) {
+        let probe_guarded = self.inputs.active() != 0 && (homing.is_some() || self.player.is_probe_guarded());
+        let motion = MotionState { moving_or_switching: acting, lit, homing, probe_guarded };
+        if let Some(alarm) = self.safety.check(&self.inputs, motion) {
             self.latch_alarm(alarm);
         }
         let alarm = match self.homing.take() {
@@ -266,6 +269,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             }
             return Err(CommandRefusal::Unsupported);
         }
+        if let HostCommand::ArmProbe(arming) = &command
+            && arming.input >= self.identity.inputs.min(16)
+        {
+            return Err(CommandRefusal::Unsupported);
+        }
         let until = match &command {
             HostCommand::Instruction(instruction) => instruction.until,
             HostCommand::Repeat(repeated) => repeated.until,
@@ -304,7 +312,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
         let checked = CheckedSettings::validate(settings, &self.identity)?;
         self.player.reopen(settings, checked.max_increment())?;
         self.is_open = true;
-        self.inputs.configure(&settings.inputs, self.identity.inputs);
+        self.inputs.configure(&settings.inputs, self.identity.inputs, settings.period_us);
         self.safety.start_watchdog(settings.watchdog_periods);
         if self.safety.alarm().is_some() {
             self.player.halt(settings.safe());
@@ -342,7 +350,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
         let latched = self.safety.alarm().is_some();
         match command {
             HostCommand::ClearAlarm => self.clear_alarm(),
-            HostCommand::Home(_) | HostCommand::Rate(_) | HostCommand::Instruction(_) | HostCommand::Repeat(_)
+            HostCommand::Home(_)
+            | HostCommand::Rate(_)
+            | HostCommand::Instruction(_)
+            | HostCommand::Repeat(_)
+            | HostCommand::ArmProbe(_)
                 if latched =>
             {
                 Err(CommandRefusal::Alarm)

@@ -10,18 +10,21 @@ use retrace_core::playback::{emission, feed_share_between};
 use retrace_core::{Distance, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand, Instruction, MAX_LAYER, OutputAction,
-    OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
+    OutputChange, Outputs, PathStart, channel,
 };
 
 use crate::layer::{LayerDrive, SheetFault};
 use crate::permit::PermitConditions;
 use crate::played_window::PlayedWindow;
+use crate::probe_drive::ProbeDrive;
 use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
 use crate::{ActionTable, CardWindow, CutterPermit, InstructionExecutor, OutputBank};
 
 mod cutters;
 mod height;
+mod probing;
+mod repeating;
 
 /// Maximum number of output actions that a card holds.
 const ACTIONS: usize = 256;
@@ -63,6 +66,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     permit: CutterPermit,
     /// Height over the sheet, added to the path of the tool axis.
     layer: LayerDrive,
+    /// Latch of the probe.
+    probe: ProbeDrive<A>,
     /// Alarm of an instruction that could not begin.
     start_alarm: Option<Alarm>,
     /// Active collision input: no cutter is started.
@@ -124,6 +129,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             block: MotionBlock::None,
             permit: CutterPermit::new(),
             layer: LayerDrive::new(),
+            probe: ProbeDrive::new(),
             start_alarm: None,
             collision: None,
             conditions: PermitConditions {
@@ -171,6 +177,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.permit.open(cutting, self.outputs.values_mut(), start.place);
         self.switching.reset(start.executed);
         (self.target, self.replay, self.block) = (RateTarget::ZERO, false, MotionBlock::None);
+        self.probe = ProbeDrive::new();
+        (self.status.probe, self.status.probe_edge) = (self.probe.latch(), None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
         (status.rate, status.starved, status.line) = (Rate::ZERO, false, 0);
@@ -286,6 +294,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             HostCommand::Home(_) => return Err(CommandRefusal::Unsupported),
             HostCommand::Restart { last } => self.block_until_repeated(last),
             HostCommand::Repeat(repeated) => self.repeat_instruction(repeated)?,
+            HostCommand::ArmProbe(arming) => self.arm_probe(arming)?,
         }
         self.update_status();
         Ok(())
@@ -322,47 +331,16 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         Ok(())
     }
 
-    /// Blocks motion until the repeated instruction `last` is complete; releases the block if it is already complete.
-    fn block_until_repeated(&mut self, last: u32) {
-        self.block = MotionBlock::Restart { last, begun: false };
-        self.release_block();
-    }
-
-    /// Executes switching again, while the machine is at rest.
-    fn repeat_instruction(&mut self, repeated: RepeatedInstruction) -> Result<(), CommandRefusal> {
-        if !self.has_stopped() {
-            return Err(CommandRefusal::InMotion);
-        }
-        if let Some(alarm) = self.alarm_of_start(repeated.changes(), repeated.layer) {
-            // Not a refusal, which would be reported before the alarm that is its cause.
-            self.start_alarm = Some(alarm);
-            return Ok(());
-        }
-        self.switching.repeat(repeated, &mut self.outputs, &mut self.layer)?;
-        if let MotionBlock::Restart { begun, .. } = &mut self.block {
-            *begun = true;
-        }
-        self.release_block();
-        Ok(())
-    }
-
-    /// Releases the block if its last repeated instruction is complete.
-    fn release_block(&mut self) {
-        if let MotionBlock::Restart { last, .. } = self.block
-            && last.wrapping_sub(self.switching.repeated()) as i32 <= 0
-        {
-            self.block = MotionBlock::None;
-        }
-    }
-
     /// Whether motion is about to begin, or a restart is between two repeated instructions.
     fn awaits_motion(&self) -> bool {
         self.unblocked_target() != Rate::ZERO || matches!(self.block, MotionBlock::Restart { begun: true, .. })
     }
 
-    /// Returns the requested rate, the faster of feed and rapid motion; 0 while motion is blocked.
+    /// Returns the requested rate, the faster of feed and rapid motion; 0 while motion is blocked, and behind the touch
+    /// of a probe.
     fn unblocked_target(&self) -> Rate {
-        if self.block == MotionBlock::None { self.target.faster() } else { Rate::ZERO }
+        let is_free = self.block == MotionBlock::None && !self.probe.has_touched();
+        if is_free { self.probing_target(self.target).faster() } else { Rate::ZERO }
     }
 
     fn planned_stop_at(&self, place: RecordIndex) -> bool {
@@ -451,7 +429,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let target = if turns || wanted == Rate::ZERO {
             Rate::ZERO
         } else {
-            self.drive.within_overrides(from, self.target, &window)
+            self.drive.within_overrides(from, self.probing_target(self.target), &window)
         };
         let step = self.drive.step(from, target, &window);
         // The drive never leaves the window, so the records are held; if one were missing, the card would stop.
@@ -602,6 +580,7 @@ mod tests {
     use proptest::prelude::*;
     use retrace_core::Flags;
     use retrace_core::limits::PulseLimits;
+    use retrace_link::RepeatedInstruction;
     use retrace_link::{Instruction, OutputAction};
 
     fn player() -> Player<1, 64, 32> {

@@ -15,6 +15,8 @@ pub struct MotionState {
     pub lit: bool,
     /// Axis and end that homing is searching.
     pub homing: Option<(u8, bool)>,
+    /// Whether a probe that trips is a collision: motion that is no probing move (PRB-10).
+    pub probe_guarded: bool,
 }
 
 /// Latched alarm and the state it is derived from.
@@ -90,6 +92,11 @@ impl SafetyMonitor {
                 return Some(Alarm::DoorOpen);
             }
         }
+        if motion.probe_guarded
+            && let Some(input) = inputs.tripped_probe()
+        {
+            return Some(Alarm::ProbeTripped { input });
+        }
         self.host_timed_out().then_some(Alarm::HostSilent)
     }
 
@@ -150,13 +157,15 @@ mod tests {
             setting.used_for = used_for;
         }
         let mut inputs = Inputs::default();
-        inputs.configure(&settings, 5);
+        inputs.configure(&settings, 5, 1000);
         inputs.read(&InputLevels { levels, ..InputLevels::default() });
         inputs
     }
 
-    const STANDING: MotionState = MotionState { moving_or_switching: false, lit: false, homing: None };
-    const ACTING: MotionState = MotionState { moving_or_switching: true, lit: false, homing: None };
+    const STANDING: MotionState =
+        MotionState { moving_or_switching: false, lit: false, homing: None, probe_guarded: false };
+    const ACTING: MotionState =
+        MotionState { moving_or_switching: true, lit: false, homing: None, probe_guarded: false };
 
     #[test]
     fn the_gravest_cause_comes_first_and_the_first_alarm_stays() {

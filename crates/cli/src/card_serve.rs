@@ -14,13 +14,14 @@ use std::time::{Duration, Instant};
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_serial::Pty;
-use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, PlantSettings, faults};
 use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
 use serde_json::{Value, json};
 
 use crate::files::unwritable;
 use crate::manual_inputs::ManualInput;
 use crate::sim_wiring::{hung_on, parsed_source_faults};
+use crate::simulated_work::parsed_work;
 use crate::{args, files, linked_card};
 
 /// Longest delay that is caught up.
@@ -89,7 +90,10 @@ fn build_simulator<const A: usize>(
 ) -> Result<CardSimulator<A>, NumberedError> {
     let spec = args.faults.as_deref().unwrap_or_default();
     let [up, down] = faults(spec).map_err(|why| serve_error(format!("--faults {spec}: {why}"), "use one of these"))?;
-    let plant = hung_on::<A>(machine, &parsed_source_faults(args.source.source_faults.as_deref())?);
+    let plant = PlantSettings {
+        work: parsed_work(args.work.work.as_deref(), machine)?,
+        ..hung_on::<A>(machine, &parsed_source_faults(args.source.source_faults.as_deref())?)
+    };
     let settings = CardSimulatorSettings { up, down, machine: plant, serial: SERIAL, boot: linked_card::nonce() };
     let mut rig = CardSimulator::new(&settings)
         .ok_or_else(|| serve_error("the simulated card cannot be created", "please report this"))?;

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_controller::{BlockDecoder, DecodedBlock, Identify};
+use retrace_controller::{BlockDecoder, DecodedBlock, Identify, ProbeResult};
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, ProgramLocation, Progress, Severity};
 use retrace_journal::FileHash;
 
@@ -63,6 +63,10 @@ impl BlockDecoder for Decoder {
             // A missing file differs from any file that exists.
             hash.map_or(0, FileHash::low_64)
         }))
+    }
+
+    fn resolve_probe(&mut self, result: &ProbeResult) {
+        self.program.interpreter_mut().resolve_probe(&result.touch, &result.rest, result.touched);
     }
 
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {

@@ -73,7 +73,7 @@ fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<
     program.check(&machine)?;
     let mut trace = PathTrace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
-        let mut card = simulated::<9>(&machine, &SourceFaults::default(), Clock::Virtual)?;
+        let mut card = simulated::<9>(&machine, (&SourceFaults::default(), None), Clock::Virtual)?;
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         let run_mode = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
         let job_options =

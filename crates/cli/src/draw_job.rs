@@ -99,6 +99,7 @@ impl<'r> HistoryBuilder<'r> {
                 | JournalEntry::Override(_)
                 | JournalEntry::Rest(_)
                 | JournalEntry::ToolLength(_)
+                | JournalEntry::Answer(_)
                 | JournalEntry::Spooled(_)
                 | JournalEntry::End(_) => {}
             }

@@ -58,6 +58,7 @@ mod serial_source;
 mod serve;
 mod shell_files;
 mod sim_wiring;
+mod simulated_work;
 mod size;
 mod socket;
 mod stop_signals;

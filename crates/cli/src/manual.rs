@@ -99,7 +99,7 @@ fn on_card<const A: usize>(
     modal_context: &mut ModalContext,
 ) -> Result<u8, CommandFailure> {
     if args.port.is_simulated() {
-        let mut card = simulated::<A>(machine, &SourceFaults::default(), Clock::Virtual)?;
+        let mut card = simulated::<A>(machine, (&SourceFaults::default(), None), Clock::Virtual)?;
         eprintln!(
             "note: the simulated card in this process does not keep its position; one served by `retrace card serve \
                 --pty` does"

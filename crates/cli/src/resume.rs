@@ -32,6 +32,7 @@ use crate::program_stream::{ProgramStream, StreamSource};
 use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
 use crate::resume_summary::{self, ConfirmResume, ResumeSummary};
 use crate::sim_wiring::simulated;
+use crate::simulated_work::parsed_work;
 use crate::{files, run};
 
 /// Number of marks that are compared with the plan, besides all marks beyond the breakpoint.
@@ -255,8 +256,10 @@ impl ResumeStep<'_> {
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.operation.realtime || self.args.is_at_screen();
-        let card = simulated::<A>(&self.machine, &SourceFaults::default(), run::clock(&self.machine, wall_time))?
-            .with_position(counts(&self.record.last_position.counts), &outputs);
+        let work = parsed_work(self.args.work.work.as_deref(), &self.machine)?;
+        let card =
+            simulated::<A>(&self.machine, (&SourceFaults::default(), work), run::clock(&self.machine, wall_time))?
+                .with_position(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
         self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
     }
@@ -390,6 +393,7 @@ impl ResumeStep<'_> {
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();
+        let answers = self.record.answers().to_vec();
         let cut_ends = self.cut_ends();
         let (origin, executed) = (job.origin, job.executed);
         let began_within = journaled_job::start_point(&job.arguments);
@@ -406,6 +410,7 @@ impl ResumeStep<'_> {
             marks,
             rests,
             lengths,
+            answers,
             cut_ends,
             cut,
             begun_start,

@@ -78,6 +78,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         page: args.page.clone(),
         vcd: None,
         source: args::SimulatedSource::default(),
+        work: args::SimulatedWork::default(),
         planning: Planning { plan: job.arguments.plan },
         dry_run: false,
         save_materials: false,

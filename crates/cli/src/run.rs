@@ -24,6 +24,7 @@ use crate::program::Program;
 use crate::program_stream::ProgramStream;
 use crate::saved_materials;
 use crate::sim_wiring::{parsed_source_faults, simulated, traced};
+use crate::simulated_work::parsed_work;
 
 /// Runs the command. Returns its exit code.
 ///
@@ -80,8 +81,10 @@ impl RunContext<'_> {
         let args = self.args;
         if args.port.is_simulated() {
             let faults = parsed_source_faults(args.source.source_faults.as_deref())?;
+            let work = parsed_work(args.work.work.as_deref(), &machine)?;
             let program = self.open::<A>(&machine)?;
-            let card = simulated::<A>(&machine, &faults, clock(&machine, args.operation.realtime || self.at_screen))?;
+            let card =
+                simulated::<A>(&machine, (&faults, work), clock(&machine, args.operation.realtime || self.at_screen))?;
             if self.at_screen {
                 let mut card = traced(card, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());

@@ -74,6 +74,7 @@ fn resume_args(args: &args::Run, job: String) -> args::Resume {
         program: None,
         from_line: None,
         assume_position: false,
+        work: args.work.clone(),
         operation: args.operation.clone(),
         page: args.page.clone(),
         format: args.format,

@@ -9,7 +9,9 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use retrace_config::{CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError};
-use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard, SourceFaults, SourceSettings, Switch, source_faults};
+use retrace_hal_sim::{
+    Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings, Switch, source_faults,
+};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
 use crate::files::unwritable;
@@ -30,10 +32,10 @@ const RAISES_US: u32 = 300_000;
 /// `E2113`
 pub fn simulated<const A: usize>(
     machine: &MachineConfig,
-    faults: &SourceFaults,
+    (faults, work): (&SourceFaults, Option<ProbedWork>),
     clock: Clock,
 ) -> Result<SimCard<A>, NumberedError> {
-    let plant = hung_on::<A>(machine, faults);
+    let plant = PlantSettings { work, ..hung_on::<A>(machine, faults) };
     SimCard::with_machine(machine.card_settings(PathStart::at(RecordIndex::new(0))), &plant, clock)
         .map_err(|_| NumberedError::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }

@@ -47,6 +47,11 @@ struct InputSection {
     active_low: bool,
 }
 
+impl InputSection {
+    /// The probe of the built-in machine: active at low level, so that an open pin is inactive.
+    const PROBE: Self = Self { number: 0, used_for: InputMeaning::Probe, axis: None, active_low: true };
+}
+
 /// Output for S, `[card.spindle_pwm]`: the speed of a spindle or the power of a beam, by pulse-width modulation.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -107,7 +112,7 @@ impl Default for CardSection {
             inverted_axes: Vec::new(),
             off_at_fault: None,
             spindle_pwm: None,
-            input: Vec::new(),
+            input: vec![InputSection::PROBE],
         }
     }
 }
@@ -212,7 +217,7 @@ impl CardSection {
 
     /// Settings that each have one of these parts and defaults otherwise, and these last: for checking them one by one.
     pub(crate) fn parts(&self) -> Vec<Self> {
-        let usual = Self::default;
+        let usual = || Self { input: Vec::new(), ..Self::default() };
         let mut parts = vec![
             Self { watchdog_ms: self.watchdog_ms, ..usual() },
             Self { report_every_ms: self.report_every_ms, ..usual() },

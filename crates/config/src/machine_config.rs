@@ -19,6 +19,7 @@ use crate::manual_config::{ManualConfig, Written};
 use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
 use crate::plan_mode::PlanMode;
+use crate::probe_config::ProbeConfig;
 use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
 use crate::serial::SerialSettings;
 use crate::sheet_contacts;
@@ -67,6 +68,8 @@ pub struct MachineConfig {
     pub materials: Option<Arc<MaterialFile>>,
     /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
     pub cutting_outputs: Vec<u8>,
+    /// Probing.
+    pub probe: ProbeConfig,
     /// Tool change: automatic or manual.
     pub tool_change: ToolChange,
     /// What happens to a running program when the page in control loses its link.
@@ -134,7 +137,8 @@ impl MachineConfig {
         start
     }
 
-    /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
+    /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms, and a probe on
+    /// input 0 that closes to ground.
     ///
     /// # Errors
     /// None in practice; the built-in machine passes the same checks as every other.
@@ -175,6 +179,7 @@ impl MachineConfig {
         let mut card = file.card.checked(&axes, &cutter::off_at_fault(&cutters), file.control_period_ms)?;
         cutter::proofs_are_plain_inputs(&cutters, &card)?;
         cutter::declare_collision_inputs(&cutters, &mut card)?;
+        let probe = file.probe.checked(&mut card, period_us)?;
         let output_names = output_names(file.output, &cutters)?;
         let written = Written {
             homing: file.homing,
@@ -203,6 +208,7 @@ impl MachineConfig {
             history_records: periods(file.history_hours * 3600.0),
             look_ahead_records: look_ahead,
             setting_up,
+            probe,
             retrace_outputs: file.retrace_outputs,
             cutters,
             materials: None,

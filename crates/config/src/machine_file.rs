@@ -15,6 +15,7 @@ use crate::cutter::CutterSection;
 use crate::manual_config::{HomingSection, ManualSection};
 use crate::numbered_error::{NumberedError, nearest};
 use crate::plan_mode::PlanMode;
+use crate::probe_config::ProbeSection;
 use crate::serial::SerialSection;
 use crate::switching::CodeSettings;
 use crate::value_range::within;
@@ -199,6 +200,8 @@ pub(crate) struct MachineFile {
     pub(crate) homing: HomingSection,
     /// Manual operation.
     pub(crate) manual: ManualSection,
+    /// Probing.
+    pub(crate) probe: ProbeSection,
     /// The handwheel.
     pub(crate) wheel: WheelSettings,
     /// The motion card.
@@ -235,6 +238,7 @@ impl Default for MachineFile {
             blending: BlendingSettings::default(),
             homing: HomingSection::default(),
             manual: ManualSection::default(),
+            probe: ProbeSection::default(),
             wheel: WheelSettings::default(),
             card: CardSection::default(),
             serial: SerialSection::default(),

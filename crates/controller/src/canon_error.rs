@@ -30,6 +30,19 @@ pub(crate) enum CanonError {
         /// Highest feed in mm/min.
         most_mm_min: f64,
     },
+    /// E4310: the machine has no probe.
+    NoProbe,
+    /// E4311: the machine would not stop within `overtravel_mm` behind the touch.
+    ProbeTooFast {
+        /// The limit, mm.
+        overtravel_mm: f64,
+        /// Highest feed in mm/min.
+        most_mm_min: f64,
+    },
+    /// E4312: the spindle is on in a probing move.
+    SpindleInProbing,
+    /// E2216: an answer in the journal is not one to the program's question.
+    AnswerMismatch,
     /// The planner rejected the move.
     Move(MoveError),
     /// The job was cancelled.
@@ -71,6 +84,29 @@ impl CanonError {
                 ),
                 "a lower F, or a shorter control_period_ms",
             ),
+            Self::NoProbe => (
+                "E4310",
+                "a probing move (G38), and the machine file has no probe".into(),
+                "declare its input: [[card.input]] with use = \"probe\"",
+            ),
+            Self::ProbeTooFast { overtravel_mm, most_mm_min } => (
+                "E4311",
+                format!(
+                    "a probing move at a feed from which the machine needs more than {overtravel_mm} mm to stop; at \
+                     most {most_mm_min:.0} mm/min stop within them"
+                ),
+                "a lower F, or a longer overtravel_mm in [probe] if the probe can take it",
+            ),
+            Self::SpindleInProbing => (
+                "E4312",
+                "a probing move (G38) while the spindle is on".into(),
+                "stop it before (M5), or write spindle = \"may-turn\" in [probe]",
+            ),
+            Self::AnswerMismatch => (
+                "E2216",
+                "an answer of the machine in the journal is not one to the program's question".into(),
+                "the program or its files have changed since; start a new job",
+            ),
             Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
             Self::Cancelled => ("", String::new(), ""),
         }
@@ -109,6 +145,7 @@ impl From<PlanWriteError> for CanonError {
         match refused {
             PlanWriteError::Move(error) => Self::Move(error),
             PlanWriteError::BeyondLimit(beyond) => Self::BeyondLimit(beyond),
+            PlanWriteError::AnswerMismatch => Self::AnswerMismatch,
             PlanWriteError::Cancelled => Self::Cancelled,
         }
     }

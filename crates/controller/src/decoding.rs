@@ -4,11 +4,14 @@
 //! Invariant: the planning side never waits for more than the first block available. Batches are exchanged, so that
 //! nothing is allocated per block except a modal state that has changed. The amount decoded ahead is bounded.
 
-use retrace_gcode::{ActiveCodes, CanonStep};
+use std::sync::mpsc::Receiver;
+
+use retrace_gcode::{ActiveCodes, Canon, CanonStep};
 
 use crate::batch_channel::{Batch, BatchChannel, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::plan_item::PlanEnd;
+use crate::probe_move::ProbeResult;
 
 /// Number of steps after which the decoder waits until the batch is taken. A block may have any number.
 const MAX_STEPS: usize = 2048;
@@ -73,7 +76,13 @@ impl Batch for BlockBatch {
 }
 
 /// The decoding thread: decodes block by block until the program ends or is cancelled.
-pub(crate) fn decode(program: &mut impl BlockDecoder, sender: &BatchSender<'_, BlockBatch>) {
+///
+/// Behind a probing move it waits for what `answers` brings: nothing behind the question is decoded (PRB-11).
+pub(crate) fn decode(
+    program: &mut impl BlockDecoder,
+    sender: &BatchSender<'_, BlockBatch>,
+    answers: &Receiver<ProbeResult>,
+) {
     let mut steps = Vec::with_capacity(64);
     let mut last_sent = None;
     loop {
@@ -82,8 +91,13 @@ pub(crate) fn decode(program: &mut impl BlockDecoder, sender: &BatchSender<'_, B
         let active = program.active();
         let changed = if active == last_sent { None } else { active.map(Box::new) };
         last_sent = active;
+        let asks = steps.iter().any(|step| matches!(step.canon, Canon::StraightProbe(..)));
         if !sender.send(|batch| batch.add(&mut steps, changed, decoded)) || is_last {
             return;
+        }
+        if asks {
+            let Ok(result) = answers.recv() else { return };
+            program.resolve_probe(&result);
         }
     }
 }
@@ -92,7 +106,6 @@ pub(crate) fn decode(program: &mut impl BlockDecoder, sender: &BatchSender<'_, B
 mod tests {
     use super::*;
     use crate::batch_channel::BatchReceiver;
-    use retrace_gcode::Canon;
     use std::thread;
 
     struct Counts(u32);
@@ -113,7 +126,7 @@ mod tests {
         let receiver = BatchReceiver::new(&channel);
         let (mut lines, mut blocks) = (Vec::new(), 0);
         thread::scope(|scope| {
-            scope.spawn(|| decode(&mut Counts(0), &BatchSender::new(&channel)));
+            scope.spawn(|| decode(&mut Counts(0), &BatchSender::new(&channel), &std::sync::mpsc::channel().1));
             loop {
                 if !receiver.try_receive(&mut batch) {
                     thread::yield_now();
@@ -141,7 +154,8 @@ mod tests {
     fn a_decoder_that_nobody_listens_to_ends() {
         let (channel, _) = BlockBatch::channel();
         thread::scope(|scope| {
-            let decoder = scope.spawn(|| decode(&mut Counts(0), &BatchSender::new(&channel)));
+            let decoder =
+                scope.spawn(|| decode(&mut Counts(0), &BatchSender::new(&channel), &std::sync::mpsc::channel().1));
             drop(BatchReceiver::new(&channel));
             decoder.join().expect("it ends");
         });

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::contour_list::RestoredContour;
 use crate::cutter_state::CutterState;
 use crate::differing_outputs::DifferingOutputs;
-use crate::dnc_events::DncEvent;
+use crate::dnc_events::{AxisCounts, DncEvent};
 use crate::operator::{CommandError, LeadShape, OperatorCommand, StartSide};
 
 /// A cause that stops the machine for the rest of the run.
@@ -160,6 +160,14 @@ pub enum EventKind {
     HistoryEndReached,
     /// The machine rests at `reached`, and outputs differ.
     OutputsDiffer(DifferingOutputs),
+    /// A probing move is over: whether the probe has responded, and the counts of the card's axes at the touch, or
+    /// where the machine came to rest.
+    Probed {
+        /// Whether the probe has responded.
+        touched: bool,
+        /// Counts of the axes.
+        counts: AxisCounts,
+    },
     /// Outputs were restored to what the program expects.
     OutputsRestored,
     /// The tool was lifted off the sheet where a cut was interrupted (CUT-31).
@@ -320,6 +328,9 @@ impl Event {
                     .collect();
                 json!({"event": "outputs_differ", "outputs": list})
             }
+            EventKind::Probed { touched, counts } => {
+                json!({"event": "probed", "touched": touched, "counts": counts.get()})
+            }
             EventKind::ToolLifted => json!({"event": "tool_lifted"}),
             EventKind::OutputsRestored => json!({"event": "outputs_restored"}),
             EventKind::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
@@ -430,6 +441,8 @@ impl Event {
             EventKind::Started => "started".into(),
             EventKind::Mode(mode) => mode_text(*mode).into(),
             EventKind::Operator(command) => format!("operator: {command}"),
+            EventKind::Probed { touched: true, counts } => format!("the probe responded at counts {:?}", counts.get()),
+            EventKind::Probed { touched: false, .. } => "the probe did not respond up to the end of the move".into(),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
             EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),

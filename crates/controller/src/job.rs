@@ -177,18 +177,23 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
         JobStart::At(at) => (at.began_within, Some(at)),
     };
     let (mut rests, mut lengths, mut begun_at) = (Vec::new(), Vec::new(), origin.counts);
+    let mut answers = Vec::new();
     if let Some(at) = &resumption {
         at.validate(look_ahead)?;
         (requester, heeding) = (requester.resumed(&at.overrides, at.start.reached), heeding.resumed(&at.overrides));
         feeder = feeder.with_expected_marks(&at.marks);
         rests.clone_from(&at.rests);
         lengths.clone_from(&at.lengths);
+        answers.clone_from(&at.answers);
         if let Some(tool) = machine.tool_axis().and_then(|tool| begun_at.get_mut(tool)) {
             *tool += lengths.iter().map(|change| change.pulses).sum::<i64>();
         }
     }
     let (length_entry, length_offers) = tool_length::length_channel();
+    let (answer_sender, machine_answers) = mpsc::sync_channel(1);
+    let (result_sender, results) = mpsc::channel();
     let feeder = feeder.with_overrides(heeding).with_tool_lengths(length_offers, &lengths);
+    let feeder = feeder.with_answers(machine_answers, &answers);
     let streamer = RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed)
         .with_durable_place(keeping.durable);
     let skipped = Arc::<AtomicU32>::default();
@@ -198,10 +203,11 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let given_up = program.cancel_token();
     thread::scope(|scope| {
         let (sender, batches) = (BatchSender::new(&belt), BatchReceiver::new(&belt));
-        let decoder =
-            spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(&mut program, &sender));
+        let decoder = spawn_named(scope, ("decoding", run_mode.real_time), move || {
+            decoding::decode(&mut program, &sender, &results)
+        });
         let planner = spawn_named(scope, ("planning", run_mode.real_time), move || {
-            planning::plan(machine, batches, batch, (within, rests), feeder)
+            planning::plan(machine, batches, batch, (within, rests), feeder, result_sender)
         });
         let reporter = spawn_named(scope, ("reporting", run_mode.real_time), move || receiver.run(observer));
         let moves = spawn_named(scope, ("manual moves", run_mode.real_time), move || requests.serve(machine, identify));
@@ -209,7 +215,7 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
         let interest = CancelOnDrop { cancel: &cancel, source_cancel: given_up };
         let session = Session::new(card, machine, streamer, operators, run_mode, telemetry).with_overrides(requester);
         let session = session.with_manual_moves(hand, program_is).with_length_entry(length_entry);
-        let session = session.with_skipped_contours(skipped);
+        let session = session.with_skipped_contours(skipped).with_answers(answer_sender);
         let is_real_time = run_mode.real_time && retrace_real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),

@@ -16,6 +16,7 @@ use retrace_motion::{FeedRate, PathMode, Planner};
 use crate::approach::approach;
 pub(crate) use crate::jog_mailbox::JogStatus;
 use crate::jog_mailbox::{JogPlannerGone, JogReply, JogRequester, JogResponder, jog_mailbox};
+use crate::probe_move::ProbeMove;
 
 /// Offset in records between the places of manual moves and those of the job that they interrupt.
 pub const MANUAL_PLACE_OFFSET: u32 = 1 << 30;
@@ -30,6 +31,8 @@ pub(crate) enum JogRequest<const A: usize> {
     Straight { from: [i64; A], to: [i64; A] },
     /// The moves of an approach: tool axis up, the others, tool axis down (DNC-6).
     Approach { from: [i64; A], to: [i64; A] },
+    /// A probing move, at its feed.
+    Probe(ProbeMove),
     /// Determine which program would be read now.
     Identify,
 }
@@ -115,6 +118,14 @@ impl<const A: usize> JogWorker<'_, A> {
             JogRequest::Approach { from, to } => {
                 let ends = approach(machine, from, to).map_err(|_| JogPlannerGone)?;
                 plan(&mut ring, machine, reply, from, &ends)
+            }
+            JogRequest::Probe(question) => {
+                let mut planner = question.plan::<A>(machine).map_err(|_| JogPlannerGone)?;
+                while let Some(record) = planner.next_record() {
+                    let flags = record.flags.with(Flags::PROBING);
+                    push(&mut ring, reply, Record { flags, ..record })?;
+                }
+                Ok(())
             }
             JogRequest::Identify => {
                 reply.set_program(identify());

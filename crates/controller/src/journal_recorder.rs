@@ -189,7 +189,8 @@ impl<const A: usize> PositionSampler<A> {
     /// Takes a period. Returns a period that is to be recorded, if any.
     fn sample(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
         if period.off_path {
-            return None;
+            // The last place on the path is where the job continues.
+            return self.take_unrecorded();
         }
         let came_to_rest = period.at_rest && self.last.is_none_or(|last| !last.at_rest);
         if came_to_rest {

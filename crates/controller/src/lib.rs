@@ -55,6 +55,7 @@ mod plan_item;
 mod plan_writer;
 mod planned_path;
 mod planning;
+mod probe_move;
 mod program_analysis;
 mod read_ahead;
 mod record_streamer;
@@ -104,6 +105,7 @@ pub use path_profile::PathProfile;
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};
 pub use plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 pub use planned_path::{PathKind, PathVertex, PlannedPath};
+pub use probe_move::{ProbeMove, ProbeOutcome, ProbeResult};
 pub use program_analysis::{
     Analysed, BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_path, analyse_program,
 };

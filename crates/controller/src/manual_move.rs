@@ -5,7 +5,7 @@
 //! the counts.
 
 use retrace_core::{Place, Rate, RecordIndex};
-use retrace_link::{HostCommand, MotionCard, PathStart};
+use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch};
 use std::thread;
 use std::time::Duration;
 
@@ -29,14 +29,18 @@ pub(crate) struct ManualMove {
     rest_periods: u32,
     /// Whether the card has begun an epoch for it.
     off_path: bool,
+    /// The probe's latch, of a probing move.
+    arming: Option<ProbeArming>,
+    /// Whether it is held.
+    is_held: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ManualMoveState {
     /// Waiting until enough is planned.
     Planned,
-    /// Moving; `rate_sent`: a rate was sent to the card.
-    Moving { rate_sent: bool },
+    /// Moving; the rate that was sent to the card last, and whether the probe's latch is armed if it has to be.
+    Moving { sent: Rate, is_armed: bool },
     /// Coming to rest before the end.
     Stopping,
     /// At rest.
@@ -73,7 +77,20 @@ impl ManualMove {
             wall_time,
             rest_periods: 0,
             off_path: false,
+            arming: None,
+            is_held: false,
         }
+    }
+
+    /// Makes it a probing move: the probe's latch is armed before anything moves, and the move also ends at rest behind
+    /// the touch.
+    pub(crate) fn probing(self, arming: ProbeArming) -> Self {
+        Self { arming: Some(arming), ..self }
+    }
+
+    /// Holds the move, or lets it go on.
+    pub(crate) fn hold(&mut self, is_held: bool) {
+        self.is_held = is_held;
     }
 
     /// Whether the card has begun an epoch for it.
@@ -108,16 +125,25 @@ impl ManualMove {
                 let start = PathStart { executed: self.executed, ..PathStart::at(self.start) };
                 card.begin_path(start)?;
                 self.off_path = true;
-                self.state = ManualMoveState::Moving { rate_sent: false };
+                self.state = ManualMoveState::Moving { sent: Rate::ZERO, is_armed: self.arming.is_none() };
             }
         }
-        if let ManualMoveState::Moving { rate_sent } = self.state {
+        if let ManualMoveState::Moving { mut sent, mut is_armed } = self.state {
             self.fill(jog_planner, card);
-            if !rate_sent && self.may_move(jog_planner, card) && card.send(HostCommand::rate(Rate::ONE)).is_ok() {
-                self.state = ManualMoveState::Moving { rate_sent: true };
+            if let Some(arming) = self.arming.filter(|_| !is_armed) {
+                is_armed = card.send(HostCommand::ArmProbe(arming)).is_ok();
             }
-            let status = card.status();
-            if jog_planner.is_done() && status.at_rest && status.place == Place::start_of(jog_planner.ring.write()) {
+            let is_ready = self.arming.is_none() || card.status().probe != ProbeLatch::Idle;
+            let wanted = if self.is_held { Rate::ZERO } else { Rate::ONE };
+            if sent != wanted
+                && is_ready
+                && self.may_move(jog_planner, card)
+                && card.send(HostCommand::rate(wanted)).is_ok()
+            {
+                sent = wanted;
+            }
+            self.state = ManualMoveState::Moving { sent, is_armed };
+            if self.has_ended(jog_planner, card.status()) {
                 self.end(jog_planner, card, ManualMoveEnd::Completed);
             }
         }
@@ -133,6 +159,22 @@ impl ManualMove {
             ManualMoveState::Ended(how) => Some(how),
             _ => None,
         })
+    }
+
+    /// Whether the move is at rest at its end. A probing move is as well behind its touch, and stays for as long as a
+    /// report of the touch may be late.
+    fn has_ended<const A: usize>(&mut self, jog_planner: &mut JogPlanner<'_, A>, status: &CardStatus<A>) -> bool {
+        let is_at_end = jog_planner.is_done() && status.place == Place::start_of(jog_planner.ring.write());
+        if self.arming.is_none() {
+            return is_at_end && status.at_rest;
+        }
+        let has_touched = matches!(status.probe, ProbeLatch::Touched(_));
+        if has_touched {
+            jog_planner.cancel();
+        }
+        let is_over = has_touched || is_at_end && status.probe == ProbeLatch::Armed;
+        self.rest_periods = if is_over && status.at_rest { self.rest_periods + 1 } else { 0 };
+        jog_planner.is_done() && self.rest_periods > if self.wall_time { REPORT_LATENCY_PERIODS } else { 1 }
     }
 
     fn end<const A: usize, C: MotionCard<A>>(

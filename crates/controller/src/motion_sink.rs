@@ -2,10 +2,12 @@
 //!
 //! Invariant: both sinks receive the same calls for the same program, so that what was checked is what is run.
 
+use retrace_gcode::Probing;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
+use crate::probe_move::ProbeOutcome;
 
 /// Receives a program's moves and switching, in machine coordinates and mm.
 pub trait MotionSink<const A: usize> {
@@ -40,6 +42,26 @@ pub trait MotionSink<const A: usize> {
     /// [`Cancelled`]
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled>;
 
+    /// A probing move, with rest before and behind it. `None`: this sink asks no machine, and takes the end of the move
+    /// as its answer.
+    ///
+    /// # Errors
+    /// The reason why it is rejected; nothing has changed then.
+    fn probe(
+        &mut self,
+        end_mm: [f64; A],
+        feed_mm_s: f64,
+        probing: Probing,
+        line: u32,
+    ) -> Result<Option<ProbeOutcome<A>>, PlanWriteError> {
+        let code = "G38";
+        self.exclusive(SwitchInstruction { line, code, ..SwitchInstruction::default() })?;
+        self.straight(end_mm, FeedRate::PerSecond(feed_mm_s), PathMode::ExactStop, line)?;
+        self.exclusive(SwitchInstruction { line, code, ..SwitchInstruction::default() })?;
+        let _ = probing;
+        Ok(None)
+    }
+
     /// A message for the operator.
     ///
     /// # Errors
@@ -70,6 +92,16 @@ impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         PlanWriter::exclusive(self, switch)
+    }
+
+    fn probe(
+        &mut self,
+        end_mm: [f64; A],
+        feed_mm_s: f64,
+        probing: Probing,
+        line: u32,
+    ) -> Result<Option<ProbeOutcome<A>>, PlanWriteError> {
+        PlanWriter::probe(self, end_mm, feed_mm_s, probing, line).map(Some)
     }
 
     fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled> {

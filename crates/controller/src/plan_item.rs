@@ -3,6 +3,7 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that a consumer that has seen the
 //! record has seen the item (GMC-3: the front marker stands in the stream at its place).
 
+use crate::probe_move::ProbeMove;
 use retrace_core::RecordIndex;
 use retrace_gcode::ActiveCodes;
 use retrace_journal::MarkDifference;
@@ -22,6 +23,8 @@ pub enum ExclusiveKind {
     OptionalStop,
     /// A manual tool change (M6): waits for cycle start.
     ToolChange,
+    /// A probing move (G38) that is not answered yet.
+    Probe,
 }
 
 /// An exclusive instruction without a number.
@@ -51,6 +54,8 @@ pub struct ExclusiveInstruction {
     pub restart_pierce: u32,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
+    /// The probing move, of [`ExclusiveKind::Probe`].
+    pub probe: Option<Box<ProbeMove>>,
 }
 
 impl ExclusiveInstruction {

@@ -4,6 +4,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
+use std::sync::mpsc::Sender;
 use std::thread;
 use std::time::Duration;
 
@@ -16,17 +17,19 @@ use crate::canon_executor::CanonExecutor;
 use crate::decoding::BlockBatch;
 use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
+use crate::probe_move::ProbeResult;
 use crate::start_line::{SkippedBlocks, StartPoint};
 
 /// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `start`: where to
 /// begin, if not at the first block, and where the number of contours before is stored. `rests`: the blocks behind
-/// which the path rests, because an earlier run ended there.
+/// which the path rests, because an earlier run ended there. `answers`: what probing moves have found, for the decoder.
 pub(crate) fn plan<const A: usize>(
     machine: &MachineConfig,
     receiver: BatchReceiver<'_, BlockBatch>,
     batch: BlockBatch,
     (start, rests): (Option<(StartPoint, Arc<AtomicU32>)>, Vec<u64>),
     plan_writer: PlanWriter<'_, A>,
+    answers: Sender<ProbeResult>,
 ) -> Option<PlanSummary> {
     let skipped = start.map(|(start, contours)| (start, SkippedBlocks::new(*plan_writer.outputs(), machine, contours)));
     PlanningThread {
@@ -34,6 +37,7 @@ pub(crate) fn plan<const A: usize>(
         executor: CanonExecutor::new(machine),
         skipped,
         plan_writer,
+        answers,
         rests,
         blocks: 0,
         canonical: 0,
@@ -47,6 +51,7 @@ struct PlanningThread<'m, 'r, const A: usize> {
     /// Where to begin, and what the blocks before have switched.
     skipped: Option<(StartPoint, SkippedBlocks)>,
     plan_writer: PlanWriter<'r, A>,
+    answers: Sender<ProbeResult>,
     rests: Vec<u64>,
     blocks: u64,
     canonical: u64,
@@ -145,10 +150,17 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                     .map_err(|cancelled| (cancelled.into(), step.line))?;
             }
             let result = match &mut self.skipped {
+                Some(_) if matches!(step.canon, Canon::StraightProbe(..)) => {
+                    Err(CanonError::NotSupported("a start behind a probing move (G38)"))
+                }
                 Some((_, before)) => self.executor.execute::<A>(&step.canon, step.line, before),
                 None => self.executor.execute(&step.canon, step.line, &mut self.plan_writer),
             };
             result.map_err(|why| (why, step.line))?;
+            if let Some(probed) = self.executor.take_probe_result() {
+                // A decoder that has ended needs no answer.
+                let _ = self.answers.send(probed);
+            }
             self.canonical += u64::from(step.canon != Canon::MachineCoordinates);
         }
         if ends_length || self.blocks == 0 {

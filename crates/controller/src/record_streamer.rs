@@ -244,6 +244,11 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         }
     }
 
+    /// Whether everything up to `place` is planned, received and durable.
+    pub(crate) fn is_sure_until(&self, place: RecordIndex) -> bool {
+        !self.safe_to_send_until().is_before(place)
+    }
+
     /// Whether enough is planned that the rate does not depend on the planner's speed. `enough`: records ahead.
     #[must_use]
     pub fn has_lookahead(&mut self, status: &CardStatus<A>, enough: u32) -> bool {

@@ -16,7 +16,7 @@ use retrace_core::place::number_is_before;
 use retrace_core::playback::partial_increment;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
-use retrace_journal::{LengthChange, MarkDifference, PlaceMark, RecordRanges};
+use retrace_journal::{LengthChange, MarkDifference, PlaceMark, ProgramAnswer, RecordRanges};
 use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, channel};
 
 use crate::approach::approach;
@@ -46,6 +46,8 @@ pub struct ResumePoint {
     pub rests: Vec<u64>,
     /// Tool lengths that were entered in pauses, in order. At the machine's position the path is moved by all of them.
     pub lengths: Vec<LengthChange>,
+    /// Answers of the machine to the program, in order.
+    pub answers: Vec<ProgramAnswer>,
     /// Places up to which cutters have certainly cut.
     pub cut_ends: Vec<ResumedCutEnd>,
     /// What was cut of the path (CUT-26).
@@ -86,6 +88,7 @@ impl ResumePoint {
             marks: Vec::new(),
             rests: Vec::new(),
             lengths: Vec::new(),
+            answers: Vec::new(),
             cut_ends: Vec::new(),
             cut: RecordRanges::default(),
             begun_start: None,

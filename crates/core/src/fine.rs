@@ -50,6 +50,14 @@ pub fn pulse_slots(pulses: u16, slots: u32) -> impl Iterator<Item = u32> {
     (1..=p).map(move |k| ((k * u64::from(slots) - half).div_ceil(p) - 1) as u32)
 }
 
+/// Returns how many of `pulses` pulses are emitted by the end of a part of the period, where `part` counts from 0 in
+/// parts of 2⁻¹⁶. A pulse that falls into the part counts, as [`pulse_slots`] has it for 2¹⁶ slots (PRB-1).
+#[must_use]
+pub const fn emitted_pulses(pulses: u16, part: u16) -> u16 {
+    let emitted = ((part as u32 + 1) * pulses as u32 + (1 << 15)) >> 16;
+    if emitted < pulses as u32 { emitted as u16 } else { pulses }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,6 +83,17 @@ mod tests {
             assert_eq!(count, u32::from(p), "{p} pulses in {s} slots");
             assert_eq!(slots.next(), None);
             assert!(count < 2 || gaps.1 - gaps.0 <= 1, "{p} in {s}: {gaps:?}");
+        }
+    }
+
+    #[test]
+    fn pulses_are_emitted_by_the_part_of_the_period_that_they_fall_into() {
+        for p in [0, 1, 2, 3, 7, 100, 249, 1000, 32_767] {
+            let slots: Vec<u32> = pulse_slots(p, 1 << 16).collect();
+            for part in (0..=u16::MAX).step_by(13).chain([u16::MAX]) {
+                let emitted = slots.iter().filter(|&&slot| slot <= u32::from(part)).count();
+                assert_eq!(usize::from(emitted_pulses(p, part)), emitted, "{p} pulses by part {part}");
+            }
         }
     }
 

@@ -18,6 +18,8 @@ impl Flags {
     pub const MARKER: Self = Self(2);
     /// All of the record's motion is rapid motion (G0): the rapid override applies, not the feed override.
     pub const RAPID: Self = Self(4);
+    /// The record belongs to a probing move: the probe may respond in it (PRB-10).
+    pub const PROBING: Self = Self(8);
 
     /// Returns the union of both sets of flags.
     #[must_use]
@@ -34,7 +36,7 @@ impl Flags {
     /// Returns the flags that the next record usually has as well.
     #[must_use]
     pub const fn lasting(self) -> Self {
-        Self(self.0 & Self::RAPID.0)
+        Self(self.0 & (Self::RAPID.0 | Self::PROBING.0))
     }
 
     /// Returns the flags as the bits sent on the wire.
@@ -46,7 +48,7 @@ impl Flags {
     /// Returns the flags for the bits received on the wire; unknown bits are dropped.
     #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 7)
+        Self(bits & 15)
     }
 }
 

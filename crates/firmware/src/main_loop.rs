@@ -83,7 +83,7 @@ fn run_period(card: &mut Card, board: &mut ThisBoard, steps: &mut Steps) {
         return;
     }
     let (began, interrupts) = (board.cycles(), DIAGNOSTICS.interrupt_cycles());
-    let inputs = InputLevels { levels: board.input_levels(), encoder: board.encoder(), failed: false };
+    let inputs = InputLevels { levels: board.input_levels(), encoder: board.encoder(), ..InputLevels::default() };
     let status = card.run_period(inputs);
     board.set_outputs(&status.outputs);
     board.set_spindle_pwm(card.card().spindle_pwm());

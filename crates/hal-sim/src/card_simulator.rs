@@ -158,7 +158,7 @@ impl<const A: usize> CardSimulator<A> {
 
     /// Runs one control period of the card.
     fn period(&mut self) {
-        let inputs = self.machine.inputs(self.now_us(), self.pins.positions());
+        let inputs = self.machine.inputs(self.now_us(), self.pins.positions(), self.card.card().pulses());
         let before = self.card.status().counts;
         let status = *self.card.run_period(inputs);
         if let Some(settings) = self.card.settings() {

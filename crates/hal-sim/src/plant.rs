@@ -6,6 +6,7 @@ use retrace_card::InputLevels;
 use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
 use crate::cutting_source::{CuttingSource, SourceSettings};
+use crate::probed_work::{ProbeContact, ProbedWork};
 use crate::random::{Chance, Random};
 
 /// A switch that an axis actuates: active from a position on.
@@ -75,6 +76,8 @@ pub struct PlantSettings {
     pub replies: Vec<Reply>,
     /// Sources of cutters.
     pub sources: Vec<SourceSettings>,
+    /// Work and a probe.
+    pub work: Option<ProbedWork>,
     /// Changes of inputs, in the order of time: doors, emergency stops.
     pub events: Vec<InputEvent>,
     /// Inputs whose level is low while the device on them is active, one bit each.
@@ -189,6 +192,7 @@ pub struct Plant<const A: usize> {
     running: Vec<RunningProcess>,
     replying: Vec<RunningReply>,
     sources: Vec<CuttingSource>,
+    probe: Option<ProbeContact>,
     events: std::collections::VecDeque<InputEvent>,
     random: Random,
     active: u16,
@@ -222,6 +226,7 @@ impl<const A: usize> Plant<A> {
                 .collect(),
             replying,
             sources: settings.sources.iter().map(CuttingSource::new).collect(),
+            probe: settings.work.as_ref().map(ProbeContact::new),
             events: events.into(),
             random: Random::new(settings.seed),
             active,
@@ -233,8 +238,9 @@ impl<const A: usize> Plant<A> {
         }
     }
 
-    /// Levels of the card's inputs at `now_us`, with the axes at `positions`.
-    pub fn inputs(&mut self, now_us: u64, positions: &[i64; A]) -> InputLevels {
+    /// Levels of the card's inputs at `now_us`, with the axes at `positions`, to which they came by `pulses` in the
+    /// period before.
+    pub fn inputs(&mut self, now_us: u64, positions: &[i64; A], pulses: &[i32; A]) -> InputLevels {
         for switch in &self.switches {
             let Some(&position) = positions.get(usize::from(switch.axis)) else { continue };
             let active = if switch.upper { position >= switch.at } else { position <= switch.at };
@@ -261,13 +267,19 @@ impl<const A: usize> Plant<A> {
             let is_closed = source.advance(now_us, positions);
             set(&mut self.active, source.input(), is_closed);
         }
+        let mut probe_change = None;
+        if let Some(probe) = &mut self.probe {
+            let (touches, change) = probe.advance(now_us, positions, pulses);
+            set(&mut self.active, probe.input(), touches);
+            probe_change = change;
+        }
         while let Some(event) = self.events.front().filter(|event| event.at_us <= now_us) {
             set(&mut self.active, event.input, event.active);
             self.events.pop_front();
         }
         self.advance_wheel(now_us);
         let failed = std::mem::take(&mut self.failed);
-        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
+        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed, probe_change }
     }
 
     /// Applies the card's outputs at `now_us`.
@@ -356,7 +368,7 @@ mod tests {
     fn switches_stand_at_the_ends_of_the_travel() {
         let mut machine = Plant::<2>::new(&PlantSettings::with_switches(&[[-100, 500], [0, 10]], 20));
         let mut active = |x, y| -> Vec<u32> {
-            let levels = u32::from(machine.inputs(0, &[x, y]).levels);
+            let levels = u32::from(machine.inputs(0, &[x, y], &[0; 2]).levels);
             (0..16).filter(|n| levels >> n & 1 == 1).collect()
         };
         assert_eq!(active(-80, 5), [8, 9]);
@@ -376,10 +388,10 @@ mod tests {
         let settings = PlantSettings::wired_as(&inputs, &[[-100, 100], [-50, 50]], &[10]);
         let mut machine = Plant::<2>::new(&settings);
         let closed = 1 << 3 | 1 << 7;
-        assert_eq!(machine.inputs(0, &[0, 49]).levels, closed);
-        assert_eq!(machine.inputs(0, &[-90, 50]).levels, 1 << 5 | 1 << 7);
+        assert_eq!(machine.inputs(0, &[0, 49], &[0; 2]).levels, closed);
+        assert_eq!(machine.inputs(0, &[-90, 50], &[0; 2]).levels, 1 << 5 | 1 << 7);
         machine.set_input(7, true);
-        assert_eq!(machine.inputs(0, &[0, 0]).levels, 1 << 3);
+        assert_eq!(machine.inputs(0, &[0, 0], &[0; 2]).levels, 1 << 3);
     }
 
     #[test]
@@ -400,7 +412,7 @@ mod tests {
             outputs[usize::from(channel::SPINDLE)] = round as i32;
             machine.outputs(begin, &outputs);
             machine.outputs(begin + 1, &outputs);
-            let took = (0..2000).find(|&us| machine.inputs(begin + us, &[0]).levels >> wiring::DONE & 1 == 1);
+            let took = (0..2000).find(|&us| machine.inputs(begin + us, &[0], &[0; 1]).levels >> wiring::DONE & 1 == 1);
             times.push(took.expect("done"));
         }
         assert!(times.iter().all(|&us| (500..=900).contains(&us)), "{times:?}");
@@ -416,7 +428,7 @@ mod tests {
         let settings = PlantSettings { replies: vec![arc, still, changed], ..PlantSettings::default() };
         let mut machine = Plant::<1>::new(&settings);
         let mut outputs = [0; channel::COUNT];
-        let levels = |machine: &mut Plant<1>, us| machine.inputs(us, &[0]).levels >> 5;
+        let levels = |machine: &mut Plant<1>, us| machine.inputs(us, &[0], &[0; 1]).levels >> 5;
         machine.outputs(0, &outputs);
         assert_eq!(levels(&mut machine, 9_999), 0b110, "nothing is switched: it stands");
         outputs[usize::from(channel::SPINDLE)] = 1;
@@ -438,7 +450,7 @@ mod tests {
         let mut outputs = [0; channel::COUNT];
         (outputs[0], outputs[1]) = (1, 1);
         machine.outputs(0, &outputs);
-        let seen: Vec<InputLevels> = (0..10).map(|us| machine.inputs(us, &[0])).collect();
+        let seen: Vec<InputLevels> = (0..10).map(|us| machine.inputs(us, &[0], &[0; 1])).collect();
         assert!(seen.iter().all(|inputs| inputs.levels == 0));
         assert_eq!(seen.iter().filter(|inputs| inputs.failed).count(), 1);
         assert_eq!(machine.switched(), [2, 1, 1]);
@@ -451,12 +463,12 @@ mod tests {
             InputEvent { at_us: 10, input: wiring::DOOR, active: true },
         ];
         let mut machine = Plant::<1>::new(&PlantSettings { events, ..PlantSettings::default() });
-        let door = |machine: &mut Plant<1>, us| machine.inputs(us, &[0]).levels >> wiring::DOOR & 1;
+        let door = |machine: &mut Plant<1>, us| machine.inputs(us, &[0], &[0; 1]).levels >> wiring::DOOR & 1;
         assert_eq!([9, 10, 19, 20].map(|us| door(&mut machine, us)), [0, 1, 1, 0]);
         machine.turn_wheel(-5);
-        assert_eq!(machine.inputs(30, &[0]).encoder, u16::MAX - 4);
+        assert_eq!(machine.inputs(30, &[0], &[0; 1]).encoder, u16::MAX - 4);
         machine.set_input(wiring::PROBE, true);
-        assert_eq!(machine.inputs(30, &[0]).levels, 1 << wiring::PROBE);
+        assert_eq!(machine.inputs(30, &[0], &[0; 1]).levels, 1 << wiring::PROBE);
     }
 
     #[test]
@@ -465,7 +477,7 @@ mod tests {
         machine.turn_wheel_for(10_000, -120, 2_000_000);
         let mut last = 0;
         for now_us in (10_000..3_000_000).step_by(1000) {
-            let encoder = machine.inputs(now_us, &[0]).encoder as i16;
+            let encoder = machine.inputs(now_us, &[0], &[0; 1]).encoder as i16;
             assert!((0..=1).contains(&(last - encoder)), "evenly");
             last = encoder;
         }

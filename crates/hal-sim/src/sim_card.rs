@@ -208,7 +208,7 @@ impl<const A: usize> SimCard<A> {
         for (position, stood_at) in positions.iter_mut().zip(self.initial_counts) {
             *position += stood_at;
         }
-        self.machine.inputs(now_us, &positions)
+        self.machine.inputs(now_us, &positions, self.card.pulses())
     }
 }
 

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::file_hash::FileHash;
 use crate::hold_reason::HoldReason;
-use crate::place_index::{self, LengthChange};
+use crate::place_index::{self, LengthChange, ProgramAnswer};
 use crate::timestamp::Timestamp;
 
 /// Version of the format.
@@ -32,6 +32,8 @@ pub enum JournalEntry {
     Rest(PlannedRest),
     /// A tool length was entered in a pause.
     ToolLength(LengthChange),
+    /// The machine has answered the program.
+    Answer(Box<ProgramAnswer>),
     /// Position of the machine.
     Position(Box<PositionEntry>),
     /// An event, as `--json` prints it.

@@ -16,8 +16,8 @@ use crate::durable_place::DurablePlace;
 use crate::entry::{EndEntry, JobHeader, JournalEntry, PlannedOverride, PositionEntry, ResumeEntry, SpooledBytes};
 use crate::journal_line;
 use crate::journal_reader::{JournalEntries, JournalError, JournalTail};
-use crate::place_index::LengthChange;
 use crate::place_index::PlaceMark;
+use crate::place_index::{LengthChange, ProgramAnswer};
 use crate::record_ranges::RecordRanges;
 
 /// Bytes at the end of a long journal in which its last entries are searched.
@@ -56,6 +56,7 @@ pub struct JobRecord {
     /// Blocks behind which the path rests because the program was cut off or rejected.
     rests: Vec<u64>,
     lengths: Vec<LengthChange>,
+    answers: Vec<ProgramAnswer>,
     /// The interrupted cut that was not continued.
     interrupted_cut: Option<InterruptedCut>,
     /// What was cut.
@@ -173,6 +174,7 @@ impl JobRecord {
             overrides: Vec::new(),
             rests: Vec::new(),
             lengths: Vec::new(),
+            answers: Vec::new(),
             interrupted_cut: None,
             cut: RecordRanges::default(),
             begun_start: None,
@@ -194,6 +196,7 @@ impl JobRecord {
                 self.overrides.push((number, new));
             }
             JournalEntry::ToolLength(change) => self.lengths.push(change),
+            JournalEntry::Answer(answer) => self.answers.push(*answer),
             JournalEntry::Rest(rest) => {
                 if self.rests.last() != Some(&rest.block) {
                     self.rests.push(rest.block);
@@ -302,6 +305,12 @@ impl JobRecord {
     #[must_use]
     pub fn lengths(&self) -> &[LengthChange] {
         &self.lengths
+    }
+
+    /// Answers of the machine to the program, in order.
+    #[must_use]
+    pub fn answers(&self) -> &[ProgramAnswer] {
+        &self.answers
     }
 
     /// Reads the valid marks again, in the order of their places.

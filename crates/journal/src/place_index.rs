@@ -45,8 +45,35 @@ pub struct LengthChange {
     pub pulses: i64,
 }
 
+/// An answer of the machine to the program (PRB-14). Planning again uses the answers in their order, and asks nobody.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "of", rename_all = "snake_case")]
+pub enum ProgramAnswer {
+    /// Of a probing move.
+    Probe(ProbeAnswer),
+}
+
+/// Answer of a probing move.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProbeAnswer {
+    /// Number of the decoder's block, from 1.
+    pub block: u64,
+    /// Place at which it begins.
+    pub place: u32,
+    /// Whether the probe has responded.
+    pub touched: bool,
+    /// Counts of the machine's axes at the touch; without one, where the machine came to rest.
+    pub touch: Vec<i64>,
+    /// Counts where the machine came to rest.
+    pub rest: Vec<i64>,
+    /// The control periods in which the machine moved: their number, and the distance in each, in units of 2⁻³² records
+    /// of the move.
+    pub runs: Vec<[u64; 2]>,
+}
+
 /// An entry of the index.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum IndexEntry {
     /// A mark.
     Mark(PlaceMark),
@@ -65,6 +92,8 @@ pub enum IndexEntry {
     },
     /// A tool length was entered.
     Length(LengthChange),
+    /// The machine has answered. Written before the records behind the answer.
+    Answer(Box<ProgramAnswer>),
 }
 
 /// Receives index entries in the planning thread. It may wait.

@@ -61,6 +61,11 @@ pub enum Alarm {
     },
     /// A record that the drive needs was not there: a defect of the card.
     Defect,
+    /// A probe tripped in motion that is no probing move (PRB-10).
+    ProbeTripped {
+        /// The input.
+        input: u8,
+    },
 }
 
 impl Alarm {
@@ -80,6 +85,7 @@ impl Alarm {
             Self::ProvenBeforeStart { input } => (10, input as u32),
             Self::CutterStaysOn { input } => (11, input as u32),
             Self::Collision { input } => (12, input as u32),
+            Self::ProbeTripped { input } => (13, input as u32),
         }
     }
 
@@ -99,6 +105,7 @@ impl Alarm {
             10 => Self::ProvenBeforeStart { input: detail as u8 },
             11 => Self::CutterStaysOn { input: detail as u8 },
             12 => Self::Collision { input: detail as u8 },
+            13 => Self::ProbeTripped { input: detail as u8 },
             _ => return None,
         })
     }
@@ -119,6 +126,7 @@ impl CardFailure for Alarm {
             Self::ProvenBeforeStart { .. } => "E3022",
             Self::CutterStaysOn { .. } => "E3023",
             Self::Collision { .. } => "E3027",
+            Self::ProbeTripped { .. } => "E3028",
         }
     }
 
@@ -144,6 +152,10 @@ impl CardFailure for Alarm {
             }
             Self::Collision { .. } => {
                 "clear the alarm, jog the tool off what it touched, check tool and position, then resume"
+            }
+            Self::ProbeTripped { .. } => {
+                "clear the alarm, jog the probe off what it touched, check probe and position, then resume; for a tool \
+                 that touches on purpose, guard = false in [probe]"
             }
         }
     }
@@ -175,6 +187,9 @@ impl fmt::Display for Alarm {
             }
             Self::Collision { input } => {
                 write!(f, "input {input} says that the tool has touched something; no axis moved by itself")
+            }
+            Self::ProbeTripped { input } => {
+                write!(f, "the probe on input {input} tripped in a move that does not probe")
             }
         }
     }

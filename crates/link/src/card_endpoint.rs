@@ -17,7 +17,7 @@ use crate::pending_commands::PendingCommands;
 use crate::sequence::{FirstNumbers, acknowledged_items, is_after};
 use crate::session::{is_next_opening, is_open_epoch};
 use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, kind};
-use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, channel, session_key, state_crc};
+use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, ProbeLatch, channel, session_key, state_crc};
 
 /// Bytes reserved at the end of a report for the state check.
 const STATE_CRC_BYTES: usize = 4;
@@ -86,8 +86,18 @@ struct ReportedState {
     repeated: u32,
     blocked: bool,
     layer: i32,
+    probe: ReportedLatch,
     /// The layer of the last period.
     last_layer: i32,
+}
+
+/// State of the probe's latch, as far as it is reported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum ReportedLatch {
+    Idle,
+    Armed,
+    Edge,
+    Touched,
 }
 
 impl ReportedState {
@@ -101,6 +111,7 @@ impl ReportedState {
             repeated: 0,
             blocked: false,
             layer,
+            probe: ReportedLatch::Idle,
             last_layer: layer,
         }
     }
@@ -382,6 +393,7 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
             self.reported.outputs = status.outputs;
         }
         self.push_cutting_changes(status);
+        self.push_probe_changes(status);
         if status.inputs != self.reported.inputs {
             self.reported.inputs = status.inputs;
             self.push(ReportEntry::Inputs(status.inputs));
@@ -394,6 +406,30 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
             self.push(ReportEntry::Executed(status.executed));
             self.urgent = true;
         }
+    }
+
+    /// Adds entries for changes of the probe's latch.
+    fn push_probe_changes(&mut self, status: &CardStatus<A>) {
+        if let Some(part) = status.probe_edge {
+            self.push(ReportEntry::ProbeEdge(part));
+        }
+        let latch = match status.probe {
+            ProbeLatch::Idle => ReportedLatch::Idle,
+            ProbeLatch::Armed => ReportedLatch::Armed,
+            ProbeLatch::Edge(_) => ReportedLatch::Edge,
+            ProbeLatch::Touched(_) => ReportedLatch::Touched,
+        };
+        if latch == self.reported.probe {
+            return;
+        }
+        self.reported.probe = latch;
+        match latch {
+            // Only an epoch ends it, and that is what the host knows.
+            ReportedLatch::Idle | ReportedLatch::Edge => {}
+            ReportedLatch::Armed => self.push(ReportEntry::ProbeArmed),
+            ReportedLatch::Touched => self.push(ReportEntry::ProbeTouched),
+        }
+        self.urgent = true;
     }
 
     /// Adds entries for changes of the cutting outputs, of repeated instructions and of the block.

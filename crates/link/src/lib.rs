@@ -31,6 +31,7 @@ mod pending_commands;
 mod ports;
 #[doc(hidden)]
 pub mod predicted_window;
+mod probe;
 #[doc(hidden)]
 pub mod sequence;
 mod serial_card;
@@ -51,6 +52,7 @@ pub use layer::{LayerMove, LayerSettings, MAX_LAYER, OhmicSensing};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
 pub use outputs::{Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};
+pub use probe::{ProbeArming, ProbeLatch, counts_at_edge};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
 pub use settings::{

@@ -5,7 +5,7 @@
 use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
-use crate::{Alarm, CutterOff, LayerMove, PathStart, RepeatedInstruction};
+use crate::{Alarm, CutterOff, LayerMove, PathStart, ProbeArming, ProbeLatch, RepeatedInstruction};
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -141,6 +141,8 @@ pub enum HostCommand<const A: usize> {
     },
     /// Executes completed switching again. Only at rest, and not while an alarm is latched.
     Repeat(RepeatedInstruction),
+    /// Arms the latch of the probe. Only at rest, and once in an epoch.
+    ArmProbe(ProbeArming),
 }
 
 impl<const A: usize> HostCommand<A> {
@@ -233,6 +235,11 @@ pub struct CardStatus<const A: usize> {
     pub repeated: u32,
     /// Cutting outputs that the card switched off in the period.
     pub cutter_off: Option<CutterOff>,
+    /// Latch of the probe.
+    pub probe: ProbeLatch<A>,
+    /// Part of the period before, in units of 2⁻¹⁶, in which the probe's edge was that the latch has kept since this
+    /// period. Not in the status of the host.
+    pub probe_edge: Option<u16>,
 }
 
 impl<const A: usize> CardStatus<A> {
@@ -262,6 +269,8 @@ impl<const A: usize> CardStatus<A> {
             blocked: false,
             repeated: 0,
             cutter_off: None,
+            probe: ProbeLatch::Idle,
+            probe_edge: None,
         }
     }
 }

@@ -190,7 +190,7 @@ fn a_production_loop_is_a_warning_of_check_and_a_fault_in_a_loop_comes_first() {
 #[test]
 fn what_a_loop_gives_again_and_again_is_told_once() {
     let bench = Bench::new();
-    bench.file("g.ngc", "F100\nO1 repeat [150]\nG38.2 Z-5\nG0 Z0\nO1 endrepeat\nM2\n");
+    bench.file("g.ngc", "F100\nO1 repeat [150]\nM66 P1\nG0 Z0\nO1 endrepeat\nM2\n");
     let result = bench.retrace(["check", "g.ngc"]);
     assert_eq!(result.code, Some(1));
     assert_eq!(result.err.matches("error[").count(), 1, "{}", result.err);

@@ -29,6 +29,7 @@ mod page;
 mod page_paths;
 mod page_tables;
 mod page_tls;
+mod probing;
 #[cfg(target_os = "linux")]
 mod ramp_pierce;
 mod real_time;

@@ -11,5 +11,6 @@ mod layer_beside;
 mod order;
 mod permit;
 mod permit_phases;
+mod probing;
 mod pulses;
 mod settings;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::shared::{CardAddress, JsonObject, MachineFile, SimulatedSource};
+use super::shared::{CardAddress, JsonObject, MachineFile, SimulatedSource, SimulatedWork};
 
 /// `retrace card`
 #[derive(Debug, Subcommand)]
@@ -68,6 +68,8 @@ pub struct Serve {
     pub faults: Option<String>,
     #[command(flatten)]
     pub source: SimulatedSource,
+    #[command(flatten)]
+    pub work: SimulatedWork,
     /// Speed of simulated time relative to wall time: 0.01 to 100.
     #[arg(long, value_name = "N", default_value_t = 1.0)]
     pub speed: f64,

@@ -33,7 +33,7 @@ pub use self::materials::{Materials, Units};
 pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
-pub use self::shared::{CardPort, MachineFile, OnOff, Planning, SimulatedSource};
+pub use self::shared::{CardPort, MachineFile, OnOff, Planning, SimulatedSource, SimulatedWork};
 pub use self::shell_files::ShellFiles;
 
 /// CNC control that runs NC programs and retraces the executed path, exact to the pulse.

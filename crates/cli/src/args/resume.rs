@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::page::PageOptions;
-use super::shared::{JobsFolder, JsonLines, JsonObject, OperationOptions};
+use super::shared::{JobsFolder, JsonLines, JsonObject, OperationOptions, SimulatedWork};
 
 /// `retrace resume`
 #[derive(Clone, Debug, Args)]
@@ -38,6 +38,8 @@ pub struct Resume {
     /// return from there to the last breakpoint in the journal.
     #[arg(long, conflicts_with = "from_line")]
     pub assume_position: bool,
+    #[command(flatten)]
+    pub work: SimulatedWork,
     #[command(flatten)]
     pub operation: OperationOptions,
     #[command(flatten)]

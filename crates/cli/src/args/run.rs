@@ -7,7 +7,9 @@ use retrace_controller::StartPoint;
 
 use super::page::PageOptions;
 use super::reading::Reading;
-use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions, Planning, SimulatedSource};
+use super::shared::{
+    CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions, Planning, SimulatedSource, SimulatedWork,
+};
 
 /// `retrace run`
 #[derive(Clone, Debug, Args)]
@@ -36,6 +38,8 @@ pub struct Run {
     pub vcd: Option<PathBuf>,
     #[command(flatten)]
     pub source: SimulatedSource,
+    #[command(flatten)]
+    pub work: SimulatedWork,
     #[command(flatten)]
     pub planning: Planning,
     /// Dry run: the axes move and every cutter stays off.

@@ -95,6 +95,15 @@ pub struct SimulatedSource {
     pub source_faults: Option<String>,
 }
 
+/// `--work`
+#[derive(Clone, Debug, Default, Args)]
+pub struct SimulatedWork {
+    /// With the simulated card: work that its probe touches, in mm of the machine, such as `z<-20` or
+    /// `box=0:50,0:30,-20:-5`; see docs/simulated-machine.md.
+    #[arg(long, value_name = "BODIES", allow_hyphen_values = true)]
+    pub work: Option<String>,
+}
+
 /// `--journal`
 #[derive(Clone, Debug, Default, Args)]
 pub struct JobsFolder {

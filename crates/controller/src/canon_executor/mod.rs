@@ -7,6 +7,7 @@
 mod cut_areas;
 mod entered_length;
 mod jet;
+mod probing;
 mod switching;
 mod tool_height;
 
@@ -19,6 +20,7 @@ use retrace_motion::{Arc as ArcMove, FeedRate, PathMode};
 use crate::canon_error::CanonError;
 use crate::cutter_track::CutterTrack;
 use crate::motion_sink::MotionSink;
+use crate::probe_move::ProbeResult;
 use crate::spline::chords;
 
 use cut_areas::CutAreas;
@@ -102,6 +104,10 @@ pub(crate) struct CanonExecutor<'m> {
     layer: LayerState,
     /// Where the sheet was sensed last, X and Y, and the path of the tool axis there, in mm.
     sensed_at: Option<[f64; 3]>,
+    /// Whether the spindle is on.
+    spindle_turns: bool,
+    /// What the last probing move has found, until it is taken.
+    probed: Option<ProbeResult>,
     /// What the contours have enclosed, where the height behind them depends on it.
     cut_areas: Option<CutAreas>,
 }
@@ -136,6 +142,8 @@ impl<'m> CanonExecutor<'m> {
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,
             sensed_at: None,
+            spindle_turns: false,
+            probed: None,
             cut_areas: machine.tool_layer().filter(|layer| layer.retracts()).map(|_| CutAreas::default()),
         }
     }
@@ -155,6 +163,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
             Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
+            Canon::StraightProbe(end, probing) => self.probe(end, *probing, line, sink),
             Canon::UseLengthUnits(unit) => self.change_state(|t| t.unit = *unit),
             Canon::SetG5xOffset { system, offset } => {
                 self.change_state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset)))
@@ -226,6 +235,17 @@ impl<'m> CanonExecutor<'m> {
             at[Axis::Y] = x * sin + y * cos;
         }
         at.plus(&self.g5x).plus(&self.tool)
+    }
+
+    /// Position in program coordinates and units of a machine position in mm.
+    fn program_position(&self, machine: &Pose) -> Pose {
+        let mut at = machine.minus(&self.g5x).minus(&self.tool);
+        if self.rotation_deg != 0.0 {
+            let ((sin, cos), x, y) = (self.rotation, at[Axis::X], at[Axis::Y]);
+            at[Axis::X] = x * cos + y * sin;
+            at[Axis::Y] = y * cos - x * sin;
+        }
+        at.minus(&self.g92).scaled_lengths(1.0 / self.unit.millimetres())
     }
 
     /// Coordinates of the machine's own axes.

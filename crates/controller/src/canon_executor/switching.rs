@@ -105,7 +105,6 @@ impl<'m> CanonExecutor<'m> {
             Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
                 Err(CanonError::NotSupported("orienting the spindle (M19, G87)"))
             }
-            Canon::StraightProbe(..) => Err(CanonError::NotSupported("probing (G38)")),
             Canon::Wait(_) => Err(CanonError::NotSupported("waiting for an input (M66)")),
             Canon::SetMotionOutputValue { output, value } => self.set_analog("M67", *output, *value, line, sink),
             Canon::SetAuxOutputValue { output, value } => self.set_analog("M68", *output, *value, line, sink),
@@ -148,6 +147,7 @@ impl<'m> CanonExecutor<'m> {
             | Canon::StraightFeed(_)
             | Canon::ArcFeed(_)
             | Canon::NurbsFeed(_)
+            | Canon::StraightProbe(..)
             | Canon::UseLengthUnits(_)
             | Canon::SetG5xOffset { .. }
             | Canon::SetG92Offset(_)
@@ -221,6 +221,7 @@ impl<'m> CanonExecutor<'m> {
         if value == 0 && cuts && pause_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
             self.dwell(pause_s, code, line, sink)?;
         }
+        self.spindle_turns = value != 0;
         if channel == channel::SPINDLE {
             return self.switch(code, channel, value, line, sink);
         }
@@ -463,6 +464,7 @@ impl<'m> CanonExecutor<'m> {
             restart_pierce,
             is_barrier: one_way,
             undone_in_reverse: undone,
+            probe: None,
         })?)
     }
 }

@@ -4,6 +4,7 @@
 //! Invariant: an item's place is the number of the record before which it is executed, and it is sent before that
 //! record.
 
+mod probing;
 mod tool_lengths;
 mod write_error;
 
@@ -24,8 +25,10 @@ use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
+use crate::probe_move::ProbeMove;
 use crate::soft_limits::{LimitFinding, extremes};
 use crate::tool_length::LengthOffers;
+use probing::Answers;
 use tool_lengths::{Lengths, Planned};
 pub use write_error::{Cancelled, PlanWriteError};
 
@@ -54,6 +57,8 @@ pub struct SwitchInstruction<'c> {
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
     pub undone_in_reverse: bool,
+    /// The probing move, of [`ExclusiveKind::Probe`].
+    pub probe: Option<ProbeMove>,
 }
 
 /// An output change that waits for a move.
@@ -92,6 +97,7 @@ pub struct PlanWriter<'r, const A: usize> {
     /// The machine whose soft limits no move may leave. None where limits are not checked.
     machine: Option<&'r MachineConfig>,
     lengths: Lengths,
+    answers: Answers,
     /// Channels that a dry run keeps off (CUT-8); none otherwise.
     inhibited: Vec<u8>,
     /// Whether what is inhibited takes its time all the same.
@@ -138,6 +144,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             overrides: OverrideApplier::default(),
             machine: None,
             lengths: Lengths::default(),
+            answers: Answers::default(),
             inhibited: Vec::new(),
             dry_waits: false,
             serial: 0,
@@ -358,6 +365,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             restart_layer: switch.restart_layer,
             restart_pierce: switch.restart_pierce,
             is_barrier,
+            probe: switch.probe.map(Box::new),
         };
         self.send(PathItem::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and redone like any other.

@@ -25,6 +25,8 @@ pub enum PlanWriteError {
     Move(MoveError),
     /// The move would leave the soft limits.
     BeyondLimit(LimitFinding),
+    /// An answer of the machine is not one to the program's question.
+    AnswerMismatch,
     /// Planning is cancelled.
     Cancelled,
 }
@@ -34,6 +36,7 @@ impl std::fmt::Display for PlanWriteError {
         match self {
             Self::Move(error) => write!(f, "{error}"),
             Self::BeyondLimit(finding) => f.write_str(&finding.what()),
+            Self::AnswerMismatch => f.write_str("an answer of the machine is not one to the program's question"),
             Self::Cancelled => write!(f, "{Cancelled}"),
         }
     }

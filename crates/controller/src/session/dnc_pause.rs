@@ -405,6 +405,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Counts and reports a control period off the program's path.
     pub(super) fn account_off_path_period(&mut self, status: &CardStatus<A>) {
         self.stats.count_paused();
+        self.report_off_path_period(status);
+    }
+
+    /// Reports a control period off the program's path.
+    pub(super) fn report_off_path_period(&mut self, status: &CardStatus<A>) {
         self.watch_cutter_states(status);
         self.watch_test_pulse(status);
         self.update_manual_outputs(status);

@@ -21,6 +21,7 @@ mod manual_outputs;
 mod park;
 mod pause_state;
 mod pointer;
+mod probing;
 mod recovery;
 mod restart;
 mod return_path;
@@ -39,7 +40,7 @@ use retrace_config::MachineConfig;
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice, Resuming};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Place, Rate, RateTarget, RecordIndex};
-use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
+use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::cutter_state::CutterState;
@@ -47,10 +48,10 @@ use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
-use crate::record_streamer::{PassedItem, RecordStreamer};
+use crate::record_streamer::RecordStreamer;
 use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::{PeriodClass, RunStats};
-use crate::telemetry::{Telemetry, TelemetrySender};
+use crate::telemetry::TelemetrySender;
 use back_target::BackTarget;
 use contour_pass::ContourPass;
 use cut_map::CutMap;
@@ -58,6 +59,7 @@ use direct_return::RetraceEstimate;
 use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
 use pause_state::DncPause;
+use probing::ProgramProbing;
 use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
 pub use session_config::RunMode;
@@ -139,6 +141,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     cutter_inactive: Vec<bool>,
     /// Height of the tool of the cutter that senses the sheet.
     tool_lift: ToolLift,
+    /// Probing moves of the program.
+    probing: ProgramProbing<A>,
     /// Test pulse that is on.
     test_pulse: Option<TestPulse>,
     /// Whether the handwheel has been behind `reached`.
@@ -200,6 +204,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
             contour_pass: ContourPass::default(),
             tool_lift: ToolLift::default(),
+            probing: ProgramProbing::new(machine),
             test_pulse: None,
             wheel_was_behind: false,
             window_is_trimmed: true,
@@ -306,6 +311,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_pause()?;
         if self.dnc.is_off_path() {
             return self.run_paused_period();
+        }
+        if self.probing.is_active() {
+            return self.run_probing_period();
         }
         self.poll_planner();
         self.apply_commands();
@@ -509,24 +517,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.watch_replayed_outputs(status);
         self.streamer.seek(status);
-        while let Some(news) = self.streamer.next_passed_item() {
-            match news {
-                PassedItem::Action(action, line) => {
-                    self.stats.switch_events += 1;
-                    self.map_switching(
-                        action.place,
-                        line,
-                        &[OutputChange { channel: action.channel, value: action.after }],
-                    );
-                    self.emit_action(line, action.channel, action.after);
-                }
-                PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),
-                PassedItem::Active(active) => {
-                    self.cut_map.record_compensation(active.compensation);
-                    self.telemetry.send(Telemetry::Active(active));
-                }
-            }
-        }
+        self.report_passed_items();
         self.watch_streamer(status, mode);
         // Before a stop, and before the end, the look-ahead runs out as planned.
         if mode == Mode::Run && status.rate == Rate::ONE && self.streamer.continues_without_stop() {
@@ -557,6 +548,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             && at_end
             && self.streamer.all_executed(&status)
         {
+            // What was planned behind the last motion has come since the last period.
+            self.report_passed_items();
             return Some(match self.streamer.summary().map(|s| &s.ending) {
                 Some(PlanEnd::BlockError(text)) => Outcome::BlockError(text.clone()),
                 _ if self.commands.waits_for_release_at_end() => {

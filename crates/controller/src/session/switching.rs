@@ -25,8 +25,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let stops = match kind {
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => true,
             ExclusiveKind::OptionalStop => self.optional_stop,
-            ExclusiveKind::Switch | ExclusiveKind::Dwell => false,
+            ExclusiveKind::Switch | ExclusiveKind::Dwell | ExclusiveKind::Probe => false,
         };
+        if let (ExclusiveKind::Probe, Some(question)) = (kind, exclusive.probe.as_deref().copied()) {
+            let place = exclusive.place;
+            self.begin_probing(question, place, line)?;
+            return Ok(false);
+        }
         if stops && self.program_stop != ProgramStop::Continued && self.config.run_mode.operator {
             if self.program_stop == ProgramStop::No {
                 self.program_stop = ProgramStop::Waiting;

@@ -2,15 +2,15 @@
 //!
 //! Invariant: nothing here allocates or formats; every event has the period and the place at which it happened.
 
-use retrace_core::Rate;
 use retrace_core::mode::Mode;
+use retrace_core::{Place, Rate};
 use retrace_journal::HoldReason;
-use retrace_link::{CardStatus, MotionCard, channel};
+use retrace_link::{CardStatus, MotionCard, OutputChange, channel};
 
 use super::{ProgramStop, Session};
 use crate::differing_outputs::{DifferingOutput, DifferingOutputs};
 use crate::event::{Event, EventKind};
-use crate::record_streamer::LeadIn;
+use crate::record_streamer::{LeadIn, PassedItem};
 use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -124,10 +124,37 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.streamer.record(last).map_or(0, |record| record.line)
     }
 
+    /// Reports what the cursor has passed for the first time.
+    pub(super) fn report_passed_items(&mut self) {
+        while let Some(news) = self.streamer.next_passed_item() {
+            match news {
+                PassedItem::Action(action, line) => {
+                    self.stats.switch_events += 1;
+                    self.map_switching(
+                        action.place,
+                        line,
+                        &[OutputChange { channel: action.channel, value: action.after }],
+                    );
+                    self.emit_action(line, action.channel, action.after);
+                }
+                PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),
+                PassedItem::Active(active) => {
+                    self.cut_map.record_compensation(active.compensation);
+                    self.telemetry.send(Telemetry::Active(active));
+                }
+            }
+        }
+    }
+
     pub(super) fn emit_at(&mut self, line: u32, kind: EventKind) {
+        self.emit_at_place(line, self.card.status().place, kind);
+    }
+
+    /// Reports an event of another place than the card's, which is off the path.
+    pub(super) fn emit_at_place(&mut self, line: u32, place: Place, kind: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.config.period_s;
-        let event = Event { period: status.period, time_s, place: status.place, line, kind };
+        let event = Event { period: status.period, time_s, place, line, kind };
         self.telemetry.send(Telemetry::Event(event));
     }
 }

@@ -44,6 +44,7 @@ fn examples() -> Vec<EventKind> {
             .into_iter(),
         )),
         EventKind::OutputsRestored,
+        EventKind::Probed { touched: true, counts },
         EventKind::ToolLifted,
         EventKind::RestartSwitching("M3"),
         EventKind::RestartSwitched("M3"),
@@ -104,7 +105,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
-            EventKind::ToolLifted => {}
+            EventKind::ToolLifted | EventKind::Probed { .. } => {}
             EventKind::LossWatch { .. } => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)

@@ -186,7 +186,7 @@ fn a_spline_becomes_chords_near_its_curve() {
 fn what_the_card_does_not_have_is_refused_by_name() {
     let machine = MachineConfig::built_in().expect("valid");
     for (text, name) in [
-        ("F100 G38.2 X1\nM2\n", "probing"),
+        ("S9 M3 G33 Z1 K1\nM2\n", "G33"),
         ("M66 P1\nM2\n", "M66"),
         ("M67 E1 Q2\nM2\n", "M67"),
         ("M68 E1 Q2\nM2\n", "M68"),

@@ -50,6 +50,7 @@ use crate::modal_groups::MotionMode;
 use crate::modal_snapshot::ModalSnapshot;
 use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
+use crate::pose::Pose;
 use crate::setup::Setup;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
@@ -503,6 +504,12 @@ impl Interpreter {
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.core.parameters
+    }
+
+    /// Replaces the assumed result of the last probing move by the machine's (PRB-8): the touch and where the machine
+    /// came to rest, in program coordinates and units, and whether the probe has responded.
+    pub fn resolve_probe(&mut self, touch: &Pose, rest: &Pose, touched: bool) {
+        self.core.resolve_probe(touch, rest, touched);
     }
 
     /// Returns the number of the current line, counted from 1.

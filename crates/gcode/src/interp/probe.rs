@@ -42,6 +42,17 @@ impl Core {
         Ok(())
     }
 
+    /// Replaces the assumed result of the last probing move by the machine's: positions in program coordinates and
+    /// units (PRB-8).
+    pub(super) fn resolve_probe(&mut self, touch: &Pose, rest: &Pose, touched: bool) {
+        for axis in Axis::ALL {
+            self.parameters.set(PROBE_POSITION + axis as usize, touch[axis]);
+        }
+        self.parameters.set(PROBE_TRIPPED, f64::from(u8::from(touched)));
+        self.state.position = *rest;
+        self.state.has_probed = false;
+    }
+
     /// Returns the tool position after a probing move that has reached its end.
     fn retreated(&self, start: &Pose, end: &Pose) -> Pose {
         let retreat = match self.state.units {

@@ -7,8 +7,8 @@ use retrace_core::Distance;
 use retrace_core::playback::emission;
 
 use super::{HostEndpoint, LinkError};
-use crate::state_crc;
 use crate::wire::ReportEntry;
+use crate::{CardStatus, ProbeLatch, counts_at_edge, state_crc};
 
 impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
     HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
@@ -61,6 +61,16 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
             ReportEntry::Repeated(number) => self.status.repeated = number,
             ReportEntry::Blocked(blocked) => self.status.blocked = blocked,
             ReportEntry::Layer(layer) => self.status.layer = layer,
+            ReportEntry::ProbeArmed => self.status.probe = ProbeLatch::Armed,
+            ReportEntry::ProbeEdge(part) => {
+                let CardStatus { counts, increments, .. } = &self.status;
+                self.status.probe = ProbeLatch::Edge(counts_at_edge(counts, increments, part));
+            }
+            ReportEntry::ProbeTouched => {
+                if let ProbeLatch::Edge(touch) = self.status.probe {
+                    self.status.probe = ProbeLatch::Touched(touch);
+                }
+            }
             ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
                 // While an alarm is latched, that is what must be reported.
                 if self.alarm.is_none() {

@@ -49,6 +49,12 @@ pub enum ReportEntry {
     RepeatRefused(u32),
     /// The layer, where it rests.
     Layer(i32),
+    /// The latch of the probe is armed; an edge that was reported before counts no more.
+    ProbeArmed,
+    /// The probe's first edge, in this part of the period before, in units of 2⁻¹⁶.
+    ProbeEdge(u16),
+    /// The edge counts: the probe has touched, and the card brakes.
+    ProbeTouched,
 }
 
 impl ReportEntry {
@@ -63,7 +69,7 @@ const ALARM: u8 = 3;
 const INPUTS: u8 = 4;
 const WHEEL: u8 = 5;
 const REFUSED: u8 = 6;
-/// The next byte is the kind: 00–1F are for cutting.
+/// The next byte is the kind: 00–1F are for cutting, 20–2F for probing.
 const EXTENDED: u8 = 7;
 
 mod extended {
@@ -72,6 +78,9 @@ mod extended {
     pub(super) const BLOCKED: u8 = 0x02;
     pub(super) const REPEAT_REFUSED: u8 = 0x03;
     pub(super) const LAYER: u8 = 0x04;
+    pub(super) const PROBE_ARMED: u8 = 0x20;
+    pub(super) const PROBE_EDGE: u8 = 0x21;
+    pub(super) const PROBE_TOUCHED: u8 = 0x22;
 }
 
 const STARVED: u8 = 1 << 5;
@@ -150,6 +159,12 @@ impl ReportEntry {
                 writer.slice(&[EXTENDED, extended::LAYER])?;
                 writer.signed(i64::from(layer))
             }
+            Self::ProbeArmed => writer.slice(&[EXTENDED, extended::PROBE_ARMED]),
+            Self::ProbeEdge(part) => {
+                writer.slice(&[EXTENDED, extended::PROBE_EDGE])?;
+                writer.u16(part)
+            }
+            Self::ProbeTouched => writer.slice(&[EXTENDED, extended::PROBE_TOUCHED]),
         }
     }
 
@@ -194,6 +209,9 @@ impl ReportEntry {
             extended::BLOCKED => Self::Blocked(reader.u8()? != 0),
             extended::REPEAT_REFUSED => Self::RepeatRefused(reader.u32()?),
             extended::LAYER => Self::Layer(reader.signed32()?),
+            extended::PROBE_ARMED => Self::ProbeArmed,
+            extended::PROBE_EDGE => Self::ProbeEdge(reader.u16()?),
+            extended::PROBE_TOUCHED => Self::ProbeTouched,
             _ => return None,
         })
     }

@@ -6,7 +6,7 @@ use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
     HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction,
-    OutputChange, RepeatedInstruction,
+    OutputChange, ProbeArming, RepeatedInstruction,
 };
 use retrace_core::RecordIndex;
 
@@ -21,6 +21,7 @@ mod tag {
     pub(super) const BY_HAND: u8 = 0x08;
     pub(super) const CLEAR_ALARM: u8 = 0x09;
     pub(super) const HOME: u8 = 0x0A;
+    pub(super) const ARM_PROBE: u8 = 0x0C;
     pub(super) const RESTART: u8 = 0x20;
     pub(super) const REPEAT: u8 = 0x21;
 }
@@ -93,8 +94,17 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
             let RepeatedInstruction { periods, until, is_pulse, layer, .. } = *repeated;
             write_switching(writer, periods, repeated.changes(), until, is_pulse, layer)
         }
+        HostCommand::ArmProbe(ProbeArming { input, active, filter_periods }) => {
+            writer.u8(tag::ARM_PROBE)?;
+            writer.u8(input & PROBE_INPUT | if *active { PROBE_ACTIVE } else { 0 })?;
+            writer.count(u64::from(*filter_periods))
+        }
     }
 }
+
+/// Number of the probe's input, and the flag that it is to become active.
+const PROBE_INPUT: u8 = 0x7F;
+const PROBE_ACTIVE: u8 = 0x80;
 
 fn place_of<const A: usize>(
     writer: &mut ByteWriter<'_>,
@@ -142,6 +152,11 @@ pub fn read_command<const A: usize>(reader: &mut ByteReader<'_>, run: &mut Recor
             tag::HOME => HostCommand::Home(read_homing(reader)?),
             tag::RESTART => HostCommand::Restart { last: reader.u32()? },
             tag::REPEAT => HostCommand::Repeat(read_repeated(reader)?),
+            tag::ARM_PROBE => {
+                let (input, filter_periods) = (reader.u8()?, reader.count16()?);
+                let active = input & PROBE_ACTIVE != 0;
+                HostCommand::ArmProbe(ProbeArming { input: input & PROBE_INPUT, active, filter_periods })
+            }
             _ => return None,
         });
     }

@@ -8,7 +8,7 @@ use retrace_link::{
 };
 use std::collections::BTreeSet;
 
-const ALARMS: [(Alarm, u8, u32, &str); 13] = [
+const ALARMS: [(Alarm, u8, u32, &str); 14] = [
     (Alarm::HostSilent, 1, 0, "E3011"),
     (Alarm::EmergencyStop, 2, 0, "E3012"),
     (Alarm::DoorOpen, 3, 0, "E3013"),
@@ -22,6 +22,7 @@ const ALARMS: [(Alarm, u8, u32, &str); 13] = [
     (Alarm::ProvenBeforeStart { input: 5 }, 10, 5, "E3022"),
     (Alarm::CutterStaysOn { input: 15 }, 11, 15, "E3023"),
     (Alarm::Collision { input: 7 }, 12, 7, "E3027"),
+    (Alarm::ProbeTripped { input: 9 }, 13, 9, "E3028"),
 ];
 
 fn is_described(failure: &impl CardFailure, number: &str) {
@@ -40,7 +41,7 @@ fn every_alarm_has_its_code_its_number_and_its_words() {
         assert_eq!(error.to_string(), alarm.to_string());
     }
     assert_eq!(Alarm::from_wire(4, 0x2FE), Some(Alarm::LimitSwitch { axis: 0xFE, upper: false }));
-    assert_eq!((Alarm::from_wire(0, 0), Alarm::from_wire(13, 0)), (None, None));
+    assert_eq!((Alarm::from_wire(0, 0), Alarm::from_wire(14, 0)), (None, None));
 }
 
 #[test]

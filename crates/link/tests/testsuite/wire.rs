@@ -11,7 +11,7 @@ use retrace_link::{
     Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
     HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
     MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL,
-    PathStart, ProofInput, RepeatedInstruction, SpindlePwm,
+    PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindlePwm,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -85,6 +85,9 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
         change().prop_map(HostCommand::ManualOutput),
         Just(HostCommand::ClearAlarm),
         any::<u32>().prop_map(|last| HostCommand::Restart { last }),
+        (0u8..128, any::<bool>(), any::<u16>()).prop_map(|(input, active, filter_periods)| HostCommand::ArmProbe(
+            ProbeArming { input, active, filter_periods }
+        )),
         instruction().prop_map(
             |Instruction { number, changes, count, periods, until, keeps_cutter, layer, .. }| {
                 HostCommand::Repeat(RepeatedInstruction {
@@ -134,6 +137,9 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<bool>().prop_map(ReportEntry::Blocked),
         any::<u32>().prop_map(ReportEntry::RepeatRefused),
         any::<i32>().prop_map(ReportEntry::Layer),
+        Just(ReportEntry::ProbeArmed),
+        any::<u16>().prop_map(ReportEntry::ProbeEdge),
+        Just(ReportEntry::ProbeTouched),
     ]
 }
 

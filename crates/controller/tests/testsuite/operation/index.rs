@@ -56,12 +56,12 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
 fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let machine = machine(60.0);
     let durable = DurablePlace::starting_at(RecordIndex::new(0));
-    let (sender, receiver) = channel();
+    let (sender, receiver) = channel::<IndexEntry>();
     let ahead = durable.clone();
     let keeper = thread::spawn(move || {
         let mut notes = Vec::new();
         while let Ok(note) = receiver.recv() {
-            notes.push(note);
+            notes.push(note.clone());
             thread::sleep(slow);
             if let IndexEntry::Mark(mark) = note {
                 ahead.advance(mark.place);

@@ -1,0 +1,66 @@
+//! Work that the probe of a simulated machine touches, `--work`.
+//!
+//! Invariant: lengths are in mm, machine coordinates; every item that is not one of those listed is refused.
+
+use std::ops::RangeInclusive;
+
+use retrace_config::{MachineConfig, NumberedError};
+use retrace_hal_sim::{Cylinder, ProbedBody, ProbedWork};
+
+const ITEMS: &str = "z<-10 (all below), box=X1:X2,Y1:Y2,Z1:Z2, boss=X,Y,DIAMETER,Z1:Z2, bore=X,Y,DIAMETER,Z1:Z2, \
+                     bounce-ms=N";
+
+/// Parses the bodies of a machine with a probe. `None` without a text.
+///
+/// # Errors
+/// `E2154` for an item that is none, or a machine without a probe.
+pub fn parsed_work(text: Option<&str>, machine: &MachineConfig) -> Result<Option<ProbedWork>, NumberedError> {
+    let Some(text) = text else { return Ok(None) };
+    let refused =
+        |what: String| NumberedError::new("E2154", format!("--work: {what}"), "see docs/simulated-machine.md");
+    let input = machine.probe.input.ok_or_else(|| refused("the machine file has no probe".into()))?;
+    let axes = ['x', 'y', 'z'].map(|letter| machine.axis_of(letter).map(|index| index as u8));
+    let nm = |axis: Option<u8>| axis.map_or(0, |axis| (1e6 / machine.axes[usize::from(axis)].pulses_per_mm) as i64);
+    let mut work =
+        ProbedWork { input, axes, nm_per_pulse: [nm(axes[0]), nm(axes[1])], bodies: Vec::new(), bounce_us: 0 };
+    for item in text.split(';').map(str::trim).filter(|item| !item.is_empty()) {
+        add(item, machine, &mut work).ok_or_else(|| refused(format!("`{item}` is no body; valid are {ITEMS}")))?;
+    }
+    Ok(Some(work))
+}
+
+fn add(item: &str, machine: &MachineConfig, work: &mut ProbedWork) -> Option<()> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|mm| mm.abs() <= 1e6);
+    let axes = work.axes;
+    let counts = |axis: usize, mm: f64| axes[axis].map_or(0, |index| machine.counts_of(usize::from(index), mm));
+    let range = |axis: usize, text: &str| -> Option<RangeInclusive<i64>> {
+        let (low, high) = text.split_once(':')?;
+        Some(counts(axis, number(low)?)..=counts(axis, number(high)?))
+    };
+    let cylinder = |text: &str| -> Option<Cylinder> {
+        let [x, y, diameter, z] = text.split(',').collect::<Vec<_>>().try_into().ok()?;
+        let ends = range(2, z)?;
+        Some(Cylinder {
+            centre: [counts(0, number(x)?), counts(1, number(y)?)],
+            radius_nm: (number(diameter)?.abs() * 5e5) as i64,
+            ends: [*ends.start(), *ends.end()],
+        })
+    };
+    if let Some(mm) = item.strip_prefix("z<") {
+        work.bodies.push(ProbedBody::Box([i64::MIN; 3], [i64::MAX, i64::MAX, counts(2, number(mm)?)]));
+        return Some(());
+    }
+    match item.split_once('=')? {
+        ("box", text) => {
+            let [x, y, z] = text.split(',').collect::<Vec<_>>().try_into().ok()?;
+            let ranges = [range(0, x)?, range(1, y)?, range(2, z)?];
+            let [low, high] = [ranges.each_ref().map(|r| *r.start()), ranges.each_ref().map(|r| *r.end())];
+            work.bodies.push(ProbedBody::Box(low, high));
+        }
+        ("boss", text) => work.bodies.push(ProbedBody::Boss(cylinder(text)?)),
+        ("bore", text) => work.bodies.push(ProbedBody::Bore(cylinder(text)?)),
+        ("bounce-ms", text) => work.bounce_us = (number(text)?.clamp(0.0, 20.0) * 1000.0) as u32,
+        _ => return None,
+    }
+    Some(())
+}

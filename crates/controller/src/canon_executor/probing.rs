@@ -1,0 +1,66 @@
+//! Probing moves: G38.2 to G38.5 (PRB-7 to PRB-9).
+//!
+//! Invariant: behind a probing move that the machine has answered, the position is where it came to rest.
+
+use retrace_gcode::{Axis, Pose, Probing};
+
+use super::CanonExecutor;
+use crate::canon_error::CanonError;
+use crate::motion_sink::MotionSink;
+use crate::probe_move::{ProbeOutcome, ProbeResult, highest_feed_mm_s};
+
+impl CanonExecutor<'_> {
+    pub(super) fn probe<const A: usize>(
+        &mut self,
+        end: &Pose,
+        probing: Probing,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let probe = &self.machine.probe;
+        if probe.input.is_none() {
+            return Err(CanonError::NoProbe);
+        }
+        if self.spindle_turns && !probe.spindle_may_turn {
+            return Err(CanonError::SpindleInProbing);
+        }
+        let position = self.machine_position(end);
+        let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
+        let own = self.machine_coordinates::<A>(&really)?;
+        let feed_mm_s = self.feed_mm_min / 60.0;
+        let most = highest_feed_mm_s(self.machine, &self.position::<A>(), &own, probe.overtravel_mm);
+        if feed_mm_s > most {
+            let (overtravel_mm, most_mm_min) = (probe.overtravel_mm, (60.0 * most).floor());
+            return Err(CanonError::ProbeTooFast { overtravel_mm, most_mm_min });
+        }
+        self.probed = None;
+        let Some(outcome) = sink.probe(own, feed_mm_s, probing, line)? else {
+            self.record_move_end(position, &really);
+            return Ok(());
+        };
+        let ProbeOutcome { touch_mm, rest_mm, touched } = outcome;
+        // What the program calls the position differs from the machine's where a tool length was entered.
+        let (mut touch, mut rest, mut rest_really) = (position, position, really);
+        for (index, &axis) in self.axes.iter().enumerate().take(A) {
+            touch[axis] += touch_mm[index] - own[index];
+            rest[axis] += rest_mm[index] - own[index];
+            rest_really[axis] = rest_mm[index];
+        }
+        self.record_move_end(rest, &rest_really);
+        let mut result =
+            ProbeResult { touch: self.program_position(&touch), rest: self.program_position(&rest), touched };
+        // Without a touch the program's own numbers stay what they are.
+        for axis in Axis::ALL {
+            if !touched || !self.axes.contains(&axis) {
+                result.touch[axis] = end[axis];
+            }
+        }
+        self.probed = Some(result);
+        Ok(())
+    }
+
+    /// Takes what the last probing move has found, if the machine was asked.
+    pub(crate) fn take_probe_result(&mut self) -> Option<ProbeResult> {
+        self.probed.take()
+    }
+}

@@ -1,0 +1,278 @@
+//! Probing moves of the program (PRB-2 to PRB-7).
+//!
+//! A probing move is a path of its own on the card, with the probe's latch armed. What the machine did of it goes to
+//! the planner, which makes it part of the job's path; the path then continues behind it, where the machine is.
+//!
+//! Invariant: nothing moves before the card has reported that the latch is armed. The job's path continues only where
+//! the planner's records of the move sum to the machine's counts.
+
+use std::sync::mpsc::SyncSender;
+
+use retrace_config::MachineConfig;
+use retrace_core::{Place, Rate, RecordIndex};
+use retrace_journal::ProbeAnswer;
+use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch};
+
+use super::{Outcome, Session};
+use crate::dnc_events::AxisCounts;
+use crate::event::{CardError, EventKind};
+use crate::jog_planner::JogRequest;
+use crate::manual_move::{ManualMove, ManualMoveEnd};
+use crate::plan_item::{ExclusiveKind, PlanEnd};
+use crate::probe_move::ProbeMove;
+use crate::run_stats::PeriodClass;
+
+/// Most runs of periods with the same distance in a probing move. Each hold takes about a hundred.
+const MAX_RUNS: usize = 1 << 16;
+
+/// Probing of a program.
+#[derive(Debug)]
+pub(super) struct ProgramProbing<const A: usize> {
+    /// To the planner; `None` where the program cannot probe.
+    answers: Option<SyncSender<ProbeAnswer>>,
+    /// The probe's input, and the filter of its level.
+    input: Option<(u8, u16)>,
+    axes: usize,
+    current: Option<CurrentProbing<A>>,
+    /// Periods of the move in progress: runs of their number and the distance in each.
+    runs: Vec<[u64; 2]>,
+}
+
+/// A probing move in progress.
+#[derive(Debug)]
+struct CurrentProbing<const A: usize> {
+    question: ProbeMove,
+    /// Place of the job's path at which it begins.
+    place: RecordIndex,
+    line: u32,
+    /// The card's counts there; behind the move, at the last record that was passed.
+    counts: [i64; A],
+    /// Place up to which the records of the move were passed.
+    passed: RecordIndex,
+    /// The move; `None` once it is over.
+    trip: Option<ManualMove>,
+    /// Place behind it once the planner has it.
+    end: RecordIndex,
+}
+
+impl<const A: usize> ProgramProbing<A> {
+    pub(super) fn new(machine: &MachineConfig) -> Self {
+        let input = machine.probe.input.map(|input| (input, machine.probe.filter_periods));
+        let runs = Vec::with_capacity(if input.is_some() { MAX_RUNS } else { 0 });
+        Self { answers: None, input, axes: machine.axes.len(), current: None, runs }
+    }
+
+    /// Whether a probing move is in progress.
+    pub(super) fn is_active(&self) -> bool {
+        self.current.is_some()
+    }
+
+    /// Records that the machine moved in a period.
+    fn record(&mut self, distance: u64) -> Result<(), CardError> {
+        if let Some([count, of]) = self.runs.last_mut()
+            && *of == distance
+        {
+            *count += 1;
+            return Ok(());
+        }
+        if self.runs.len() == MAX_RUNS {
+            return Err(fault("E3031", "a probing move was held too often to be recorded", "start the job again"));
+        }
+        self.runs.push([1, distance]);
+        Ok(())
+    }
+}
+
+impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
+    /// Enables probing moves.
+    #[must_use]
+    pub(crate) fn with_answers(mut self, answers: SyncSender<ProbeAnswer>) -> Self {
+        self.probing.answers = Some(answers);
+        self
+    }
+
+    /// Begins a probing move. The machine is at rest on its place.
+    pub(super) fn begin_probing(
+        &mut self,
+        question: ProbeMove,
+        place: RecordIndex,
+        line: u32,
+    ) -> Result<(), CardError> {
+        let CardStatus { executed, counts, .. } = *self.card.status();
+        let (look_ahead, wall_time) = (self.config.look_ahead_records, self.config.run_mode.wall_time);
+        let (Some(hand), Some((input, filter_periods))) = (&mut self.dnc.jog_planner, self.probing.input) else {
+            return Err(fault("E3031", "the machine has no probe", "declare its input in the machine file"));
+        };
+        let arming = ProbeArming { input, active: !question.probing.away, filter_periods };
+        let trip = ManualMove::begin(hand, JogRequest::Probe(question), executed, look_ahead, wall_time);
+        let trip = Some(trip.probing(arming));
+        self.probing.runs.clear();
+        self.probing.current = Some(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
+        self.executing = Some(ExclusiveKind::Probe);
+        self.emit_at(line, EventKind::Switching(question.code()));
+        Ok(())
+    }
+
+    /// Runs a control period of a probing move.
+    pub(super) fn run_probing_period(&mut self) -> Result<Option<Outcome>, CardError> {
+        self.apply_commands();
+        let is_held = self.mode_controller.is_held();
+        let is_stopping = self.phase.is_stopping();
+        if let (Some(current), Some(hand)) = (&mut self.probing.current, &mut self.dnc.jog_planner)
+            && let Some(trip) = &mut current.trip
+        {
+            trip.hold(is_held);
+            if is_stopping {
+                trip.stop();
+            }
+            match trip.advance(hand, &mut self.card)? {
+                None => {}
+                Some(ManualMoveEnd::NotPlanned) => {
+                    return Err(fault("E3031", "the probing move could not be planned", "please report this"));
+                }
+                Some(ManualMoveEnd::Stopped) => {
+                    self.probing.current = None;
+                    return Ok(Some(Outcome::Stopped));
+                }
+                Some(ManualMoveEnd::Completed) => {
+                    current.trip = None;
+                    self.answer_probing()?;
+                }
+            }
+        } else {
+            self.rejoin_behind_probing()?;
+        }
+        let status = *self.card.run_period()?;
+        if status.rate != Rate::ZERO && self.probing.current.as_ref().is_some_and(|current| current.trip.is_some()) {
+            self.probing.record(status.rate.over(1).units().unsigned_abs())?;
+        }
+        self.account_probing_period(&status);
+        let outcome = self.alarm(&status);
+        Ok(outcome.or_else(|| self.is_abandoned().then_some(Outcome::Stopped)))
+    }
+
+    /// Counts and reports a period of a probing move.
+    fn account_probing_period(&mut self, status: &CardStatus<A>) {
+        let held = self.mode_controller.is_held();
+        let mode = self.mode_controller.mode();
+        self.stats.count_period(PeriodClass {
+            mode,
+            held,
+            instruction: Some(false),
+            rate: status.rate,
+            place: status.place,
+        });
+        self.report_off_path_period(status);
+        self.still_periods = if status.rate == Rate::ZERO && held { self.still_periods + 1 } else { 0 };
+    }
+
+    /// Gives the planner what the machine did in the move that is over.
+    fn answer_probing(&mut self) -> Result<(), CardError> {
+        let status = *self.card.status();
+        let Some(current) = &self.probing.current else { return Ok(()) };
+        let ProbeMove { from, probing, .. } = current.question;
+        let touch = match status.probe {
+            ProbeLatch::Touched(counts) => Some(counts),
+            _ => None,
+        };
+        let (code, what) = (current.question.code(), if probing.away { "lose contact" } else { "make contact" });
+        match touch {
+            None if probing.must_trip => {
+                let cause = format!("{code}: the probe did not {what} up to the end of the move");
+                return Err(fault("E3029", &cause, "check the probe and the end of the move, then resume"));
+            }
+            Some(_) if probing.must_trip && self.probing.runs.is_empty() => {
+                let state = if probing.away { "is not in contact" } else { "is in contact" };
+                let cause = format!("{code}: the probe {state} before the move");
+                return Err(fault("E3030", &cause, "move the probe to where the move is to begin, then resume"));
+            }
+            _ => {}
+        }
+        // The path of the job may be moved by a tool length that was entered.
+        let on_path = |counts: &[i64; A]| -> Vec<i64> {
+            let axes = counts.iter().zip(&current.counts).zip(&from).take(self.probing.axes);
+            axes.map(|((count, begin), from)| count - begin + from).collect()
+        };
+        let rest = on_path(&status.counts);
+        let touch_counts = touch.as_ref().map_or_else(|| rest.clone(), on_path);
+        let runs = self.probing.runs.clone();
+        let records: u64 = runs.iter().map(|[count, _]| count).sum();
+        let (place, line) = (current.place, current.line);
+        let answer =
+            ProbeAnswer { block: 0, place: place.number(), touched: touch.is_some(), touch: touch_counts, rest, runs };
+        let is_sent = self.probing.answers.as_ref().is_some_and(|answers| answers.try_send(answer).is_ok());
+        if !is_sent {
+            return Err(fault("E3031", "the planner takes no answer of the probe", "please report this"));
+        }
+        if let Some(current) = &mut self.probing.current {
+            current.end = place + records as u32;
+        }
+        let counts = AxisCounts::new(&touch.unwrap_or(status.counts), self.probing.axes);
+        let kind = EventKind::Probed { touched: touch.is_some(), counts };
+        self.emit_at_place(line, Place::start_of(place), kind);
+        Ok(())
+    }
+
+    /// Whether the planner has ended before it has made the move part of the path.
+    fn has_plan_ended(&self) -> bool {
+        self.streamer.planner_is_gone() || self.streamer.summary().is_some()
+    }
+
+    fn reason_of_end(&self) -> String {
+        let why = match self.streamer.summary().map(|summary| &summary.ending) {
+            Some(PlanEnd::BlockError(text)) => text.as_str(),
+            _ => "the planner has ended",
+        };
+        format!("a probing move has not become part of the path: {why}")
+    }
+
+    /// Passes the records of the move that the planner has written, so that there is space for more. Returns whether
+    /// these are all, and the counts behind them.
+    fn pass_probing_records(&mut self) -> Option<(bool, [i64; A])> {
+        self.streamer.poll_planner();
+        let current = self.probing.current.as_mut()?;
+        while current.passed.is_before(current.end) && self.streamer.is_sure_until(current.passed + 1) {
+            let record = self.streamer.record(current.passed)?;
+            current.counts.iter_mut().zip(&record.increments).for_each(|(sum, &n)| *sum += i64::from(n));
+            current.passed += 1;
+            self.streamer.seek_place(current.passed);
+        }
+        Some((current.passed == current.end && self.streamer.is_sure_until(current.end), current.counts))
+    }
+
+    /// Continues the job's path behind the move, once the planner has made the move part of it.
+    fn rejoin_behind_probing(&mut self) -> Result<(), CardError> {
+        let sum = loop {
+            match self.pass_probing_records() {
+                Some((true, sum)) => break sum,
+                _ if self.has_plan_ended() => {
+                    return Err(fault("E3031", &self.reason_of_end(), "please report this"));
+                }
+                _ if self.config.run_mode.wall_time => return Ok(()),
+                _ => std::thread::sleep(std::time::Duration::from_micros(50)),
+            }
+        };
+        let Some(CurrentProbing { end, .. }) = self.probing.current else { return Ok(()) };
+        if sum != self.card.status().counts {
+            return Err(fault(
+                "E3031",
+                "the planned path behind a probing move is not the one that was run",
+                "please report this",
+            ));
+        }
+        let number = self.streamer.instruction_number();
+        let start =
+            PathStart { place: Place::start_of(end), rests: true, reached: end, executed: number, keeps_layer: true };
+        self.card.begin_path(start)?;
+        let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
+        self.probing.current = None;
+        self.target = None;
+        self.streamer.mark_sent();
+        self.acknowledge_instruction();
+        Ok(())
+    }
+}
+
+fn fault(number: &'static str, cause: &str, remedy: &str) -> CardError {
+    CardError::Fault { number, cause: cause.into(), remedy: remedy.into() }
+}
