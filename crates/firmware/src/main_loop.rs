@@ -5,9 +5,9 @@
 
 use retrace_card::{InputLevels, LentCard};
 use retrace_core::Record;
-use retrace_link::wire::ReportEntry;
 use retrace_firmware::step_batch::{StepBatch, StepShape};
 use retrace_firmware::{AXES, ENTRIES, MEMORY, WINDOW, boot};
+use retrace_link::wire::ReportEntry;
 
 use crate::board::{Board, ThisBoard, stopwatch};
 use crate::diagnostics::DIAGNOSTICS;
