@@ -67,6 +67,9 @@ impl BlockDecoder for Decoder {
 
     fn resolve_probe(&mut self, result: &ProbeResult) {
         self.program.interpreter_mut().resolve_probe(&result.touch, &result.rest, result.touched);
+        if let Some(outputs) = self.outputs.as_mut().filter(|_| result.touched) {
+            outputs.write_probed_point(&result.touch);
+        }
     }
 
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {

@@ -115,7 +115,9 @@ impl ManualMove {
         card: &mut C,
     ) -> Result<Option<ManualMoveEnd>, C::Fault> {
         if self.state == ManualMoveState::Planned && self.is_planned(jog_planner, self.start) {
-            if jog_planner.is_done() && jog_planner.ring.write() == self.start {
+            let is_empty = jog_planner.is_done() && jog_planner.ring.write() == self.start;
+            // A probing move without a way asks for the state of the probe.
+            if is_empty && (self.arming.is_none() || jog_planner.has_failed()) {
                 self.state = ManualMoveState::Ended(if jog_planner.has_failed() {
                     ManualMoveEnd::NotPlanned
                 } else {
@@ -149,7 +151,7 @@ impl ManualMove {
         }
         if self.state == ManualMoveState::Stopping {
             let _ = card.send(HostCommand::rate(Rate::ZERO));
-            jog_planner.cancel();
+            self.cancel(jog_planner);
             self.rest_periods = if card.status().at_rest { self.rest_periods + 1 } else { 0 };
             if jog_planner.is_done() && self.rest_periods > if self.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
                 self.end(jog_planner, card, ManualMoveEnd::Stopped);
@@ -170,11 +172,19 @@ impl ManualMove {
         }
         let has_touched = matches!(status.probe, ProbeLatch::Touched(_));
         if has_touched {
-            jog_planner.cancel();
+            self.cancel(jog_planner);
         }
         let is_over = has_touched || is_at_end && status.probe == ProbeLatch::Armed;
         self.rest_periods = if is_over && status.at_rest { self.rest_periods + 1 } else { 0 };
         jog_planner.is_done() && self.rest_periods > if self.wall_time { REPORT_LATENCY_PERIODS } else { 1 }
+    }
+
+    /// Ends the planning. In virtual time the number of periods must not depend on the planner's speed: this waits.
+    fn cancel<const A: usize>(&self, jog_planner: &mut JogPlanner<'_, A>) {
+        jog_planner.cancel();
+        while !self.wall_time && !jog_planner.is_done() {
+            thread::sleep(Duration::from_micros(20));
+        }
     }
 
     fn end<const A: usize, C: MotionCard<A>>(

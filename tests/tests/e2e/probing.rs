@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::limits::audit;
+use retrace_tests::pins::samples;
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
@@ -64,6 +65,9 @@ fn the_path_of_a_probing_move_is_retraced_and_run_again_to_the_pulse() {
     assert_eq!(whole.output.code, Some(0), "{}", whole.output.err);
     assert_eq!(messages(&whole.output), ["touch -5.432000 flag 1.000000"]);
     assert_eq!(events(&whole.output, "probed")[0]["counts"][2], TOUCH);
+    let seconds = |name: &str| whole.report[name].as_f64().unwrap_or_default();
+    let total = whole.report["periods"].as_f64().unwrap_or_default() / 1000.0;
+    assert!(seconds("motion_s") > total - 0.02 && seconds("switch_s") < 0.02, "{}", whole.report);
     let back = run(&bench, PLANE, "at line 6 reverse 100%\nafter 9s leave\n");
     assert_eq!(back.output.code, Some(0), "{}", back.output.err);
     // nothing is measured again
@@ -98,6 +102,7 @@ fn a_probe_that_finds_nothing_or_is_in_contact_already_ends_or_goes_on_as_its_co
         let bench = bench(PROBE, &format!("G21 G90 F300\n{start}\n{code} Z-2 F300\n(print,#5063 #5070)\nM2\n"));
         let result = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", work, "--json"]);
         let number = events(&result, "alarm").first().map(|alarm| alarm["number"].clone()).unwrap_or_default();
+        assert!(events(&result, "alarm").iter().all(|alarm| alarm["line"] == 3), "{}", result.out);
         (result.code, number.as_str().unwrap_or_default().to_owned(), messages(&result))
     };
     let none: Vec<String> = Vec::new();
@@ -112,6 +117,12 @@ fn a_probe_that_finds_nothing_or_is_in_contact_already_ends_or_goes_on_as_its_co
     assert_eq!(refused("G38.4", "", far), alarm("E3030"));
     assert_eq!(refused("G38.5", "", contact), goes_on("-2.000000 0.000000"));
     assert_eq!(refused("G38.5", "", far), goes_on("0.000000 1.000000"));
+    // Without a way the state of the probe is asked for.
+    let asked = bench(PROBE, "G21 G90 F300\nG38.3 Z0 F300\n(print,#5070)\nG38.5 Z0\n(print,#5070)\nM2\n");
+    for (work, answers) in [(far, ["0.000000", "1.000000"]), (contact, ["1.000000", "0.000000"])] {
+        let result = asked.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", work, "--json"]);
+        assert_eq!(messages(&result), answers, "{}", result.err);
+    }
     // away from the work
     let away = bench(PROBE, "G21 G90 F300\nG38.3 Z-6 F300\nG38.4 Z0\n(print,#5063 #5070)\nM2\n");
     let result = away.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", PLANE, "--json"]);
@@ -193,6 +204,43 @@ fn a_job_that_is_killed_while_it_probes_is_resumed_without_asking_twice() {
     }
 }
 
+/// Without any of them the move would have reached its end long before the card is asked.
+#[test]
+fn a_probing_move_ends_at_an_emergency_stop_a_lost_link_and_a_killed_host() {
+    let machine = format!("[card]\nwatchdog_ms = 400\n{PROBE}[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n");
+    for end in ["press emergency-stop", "unplug", "kill"] {
+        let bench = bench(&machine, "G21 G90\nG1 Z1 F600\nG38.2 Z-10 F300\nM2\n");
+        let (path, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let mut card = ServedCard::with(&["--machine", &path, "--vcd", &vcd.display().to_string()]);
+        let arguments = ["run", "part.ngc", "--machine", "m.toml", "--card", &card.port, "--json"];
+        let mut child = bench.start(&arguments, Stdio::null(), "out.txt");
+        let begun = Instant::now();
+        let told = || fs::read_to_string(bench.path("out.txt")).unwrap_or_default();
+        while !told().contains("\"event\":\"switching\"") {
+            assert!(begun.elapsed() < Duration::from_secs(30), "{end}: the move did not begin");
+            thread::sleep(Duration::from_millis(5));
+        }
+        thread::sleep(Duration::from_millis(300));
+        match end {
+            "kill" => child.kill().expect("it is killed"),
+            line => card.operate(line),
+        }
+        thread::sleep(Duration::from_millis(3000));
+        let _ = child.kill();
+        child.wait().expect("it ends");
+        assert!(end != "press emergency-stop" || told().contains("E3012"), "{end}: {}", told());
+        let counted = card.end();
+        let trace = samples(&vcd);
+        let z = trace.last().map_or(0, |last| last.counts[2]);
+        assert!((-9_000..1_000).contains(&z), "{end}: it began, and did not reach its end: {z}");
+        // It comes to rest by itself: a second before the card ended nothing moved any more.
+        let mut moved = trace.windows(2).filter(|pair| pair[0].counts != pair[1].counts).map(|pair| pair[1].at_us);
+        let last_us = moved.next_back().unwrap_or_default();
+        let ended_us = counted["periods"].as_u64().unwrap_or_default() * 1000;
+        assert!(last_us + 1_000_000 < ended_us, "{end}: {last_us} {ended_us} {counted}");
+    }
+}
+
 /// Offset, rotation, inches and diameter: the parameter, turned back, is the pulse.
 #[test]
 fn a_touch_is_told_in_the_coordinates_and_units_of_its_block() {
@@ -215,6 +263,25 @@ fn a_touch_is_told_in_the_coordinates_and_units_of_its_block() {
     let [touch, machine, rest] = numbers[1][..] else { panic!("{numbers:?}") };
     let counts = (touch + machine - rest) * 25_400.0;
     assert!((counts - TOUCH as f64).abs() < 0.1, "{counts}");
+}
+
+#[test]
+fn probed_points_are_written_to_a_file_and_again_by_a_resumed_job() {
+    let program = "G21 G90\n(PROBEOPEN points.txt)\nG38.2 Z-10 F300\nG0 Z0\nG38.3 Z-2\nG0 Z0 X3\n\
+        G38.2 Z-10 F300\n(PROBECLOSE)\nG0 Z1\nG38.2 Z-10 F300\nG0 Z0\nM2\n";
+    let bench = bench(PROBE, program);
+    let points = || fs::read_to_string(bench.path("points.txt")).unwrap_or_default();
+    let checked = bench.retrace(["check", "part.ngc", "--machine", "m.toml"]);
+    assert_eq!((checked.code, points().as_str()), (Some(0), ""), "{}", checked.err);
+    let zeros = |x: &str| format!("{x} 0.000000 -5.432000{}\n", " 0.000000".repeat(6));
+    bench.file("stop.op", "at line 6 stop\n");
+    let run = ["run", "part.ngc", "--machine", "m.toml", "--work", PLANE, "--json", "--operator", "stop.op"];
+    assert_eq!(bench.retrace(run).code, Some(4));
+    assert_eq!(points(), zeros("0.000000"));
+    let resumed = bench.retrace(["resume", "--yes", "--json", "--work", PLANE]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(points(), zeros("0.000000") + &zeros("3.000000"));
+    assert_eq!(events(&resumed, "probed").len(), 2, "{}", resumed.out);
 }
 
 /// What a program prints behind its last motion is printed before the job ends.

@@ -301,7 +301,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn end_with_error(&mut self, error: CardError) -> Outcome {
         let (number, cause, remedy) = error.parts();
         if !self.alarm_reported {
-            self.emit(EventKind::Alarm(error));
+            let line = self.probing.line().unwrap_or_else(|| self.line_at_cursor(self.card.status()));
+            self.emit_at(line, EventKind::Alarm(error));
         }
         Outcome::Alarm(number, cause, remedy)
     }

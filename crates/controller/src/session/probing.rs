@@ -36,6 +36,8 @@ pub(super) struct ProgramProbing<const A: usize> {
     current: Option<CurrentProbing<A>>,
     /// Periods of the move in progress: runs of their number and the distance in each.
     runs: Vec<[u64; 2]>,
+    /// Number of these periods.
+    moved: u32,
 }
 
 /// A probing move in progress.
@@ -59,7 +61,7 @@ impl<const A: usize> ProgramProbing<A> {
     pub(super) fn new(machine: &MachineConfig) -> Self {
         let input = machine.probe.input.map(|input| (input, machine.probe.filter_periods));
         let runs = Vec::with_capacity(if input.is_some() { MAX_RUNS } else { 0 });
-        Self { answers: None, input, axes: machine.axes.len(), current: None, runs }
+        Self { answers: None, input, axes: machine.axes.len(), current: None, runs, moved: 0 }
     }
 
     /// Whether a probing move is in progress.
@@ -67,8 +69,14 @@ impl<const A: usize> ProgramProbing<A> {
         self.current.is_some()
     }
 
+    /// Program line of the move in progress.
+    pub(super) fn line(&self) -> Option<u32> {
+        self.current.as_ref().map(|current| current.line)
+    }
+
     /// Records that the machine moved in a period.
     fn record(&mut self, distance: u64) -> Result<(), CardError> {
+        self.moved += 1;
         if let Some([count, of]) = self.runs.last_mut()
             && *of == distance
         {
@@ -107,6 +115,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let trip = ManualMove::begin(hand, JogRequest::Probe(question), executed, look_ahead, wall_time);
         let trip = Some(trip.probing(arming));
         self.probing.runs.clear();
+        self.probing.moved = 0;
         self.probing.current = Some(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
         self.executing = Some(ExclusiveKind::Probe);
         self.emit_at(line, EventKind::Switching(question.code()));
@@ -155,13 +164,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn account_probing_period(&mut self, status: &CardStatus<A>) {
         let held = self.mode_controller.is_held();
         let mode = self.mode_controller.mode();
-        self.stats.count_period(PeriodClass {
-            mode,
-            held,
-            instruction: Some(false),
-            rate: status.rate,
-            place: status.place,
-        });
+        // Where the path will be: each period in which the machine moves becomes a record of it.
+        let place = self
+            .probing
+            .current
+            .as_ref()
+            .map_or(status.place, |current| Place::start_of(current.place + self.probing.moved));
+        self.stats.count_period(PeriodClass { mode, held, instruction: Some(false), rate: status.rate, place });
         self.report_off_path_period(status);
         self.still_periods = if status.rate == Rate::ZERO && held { self.still_periods + 1 } else { 0 };
     }
@@ -196,7 +205,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let rest = on_path(&status.counts);
         let touch_counts = touch.as_ref().map_or_else(|| rest.clone(), on_path);
         let runs = self.probing.runs.clone();
-        let records: u64 = runs.iter().map(|[count, _]| count).sum();
         let (place, line) = (current.place, current.line);
         let answer =
             ProbeAnswer { block: 0, place: place.number(), touched: touch.is_some(), touch: touch_counts, rest, runs };
@@ -205,7 +213,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return Err(fault("E3031", "the planner takes no answer of the probe", "please report this"));
         }
         if let Some(current) = &mut self.probing.current {
-            current.end = place + records as u32;
+            current.end = place + self.probing.moved;
         }
         let counts = AxisCounts::new(&touch.unwrap_or(status.counts), self.probing.axes);
         let kind = EventKind::Probed { touched: touch.is_some(), counts };

@@ -111,7 +111,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Program line at the cursor: that of the record that was executed last. A card that has begun a path anew reports
     /// none until it has executed a record of it; on a lead-in, the line is that of the place where it joins the path.
-    fn line_at_cursor(&self, status: &CardStatus<A>) -> u32 {
+    pub(super) fn line_at_cursor(&self, status: &CardStatus<A>) -> u32 {
         if status.line != 0 {
             return status.line;
         }
