@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_controller::{BlockDecoder, DecodedBlock, Identify, ProbeResult};
+use retrace_controller::{BlockDecoder, DecodedBlock, Identify, MachineResult};
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, ProgramLocation, Progress, Severity};
 use retrace_journal::FileHash;
 
@@ -65,10 +65,16 @@ impl BlockDecoder for Decoder {
         }))
     }
 
-    fn resolve_probe(&mut self, result: &ProbeResult) {
-        self.program.interpreter_mut().resolve_probe(&result.touch, &result.rest, result.touched);
-        if let Some(outputs) = self.outputs.as_mut().filter(|_| result.touched) {
-            outputs.write_probed_point(&result.touch);
+    fn resolve(&mut self, result: &MachineResult) {
+        let interpreter = self.program.interpreter_mut();
+        match result {
+            MachineResult::Probe(probed) => {
+                interpreter.resolve_probe(&probed.touch, &probed.rest, probed.touched);
+                if let Some(outputs) = self.outputs.as_mut().filter(|_| probed.touched) {
+                    outputs.write_probed_point(&probed.touch);
+                }
+            }
+            MachineResult::Input(value) => interpreter.resolve_input(*value),
         }
     }
 

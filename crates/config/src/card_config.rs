@@ -241,7 +241,8 @@ impl CardConfig {
     }
 
     /// Whether the machine file declares this input with a `[[card.input]]`.
-    pub(crate) fn declares_input(&self, number: u8) -> bool {
+    #[must_use]
+    pub fn declares_input(&self, number: u8) -> bool {
         u32::from(number) < u16::BITS && self.declared_inputs & (1 << number) != 0
     }
 

@@ -8,15 +8,15 @@ use std::sync::atomic::AtomicBool;
 use retrace_gcode::{ActiveCodes, CanonStep, ProgramLocation};
 
 use crate::jog_planner::Identify;
-use crate::probe_move::ProbeResult;
+use crate::question::MachineResult;
 
 /// A program as a source of canonical functions.
 pub trait BlockDecoder {
     /// Decodes the next block and appends its steps to `steps`.
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock;
 
-    /// Replaces the assumed result of the last probing move by the machine's.
-    fn resolve_probe(&mut self, _result: &ProbeResult) {}
+    /// Replaces the assumed result of the last question to the machine by the machine's.
+    fn resolve(&mut self, _result: &MachineResult) {}
 
     /// The modal state behind the last block, where the source has one.
     fn active(&self) -> Option<ActiveCodes> {

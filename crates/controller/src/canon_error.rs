@@ -30,6 +30,10 @@ pub(crate) enum CanonError {
         /// Highest feed in mm/min.
         most_mm_min: f64,
     },
+    /// E4314: M66 waits while a cutter is on.
+    LitWait,
+    /// E4313: M66 reads an input that the machine file does not declare.
+    NoInput(i32),
     /// E4310: the machine has no probe.
     NoProbe,
     /// E4311: the machine would not stop within `overtravel_mm` behind the touch.
@@ -39,7 +43,7 @@ pub(crate) enum CanonError {
         /// Highest feed in mm/min.
         most_mm_min: f64,
     },
-    /// E4312: the spindle is on in a probing move.
+    /// E4312: the spindle or a cutter is on in a probing move.
     SpindleInProbing,
     /// E2216: an answer in the journal is not one to the program's question.
     AnswerMismatch,
@@ -84,6 +88,16 @@ impl CanonError {
                 ),
                 "a lower F, or a shorter control_period_ms",
             ),
+            Self::LitWait => (
+                "E4314",
+                "M66 waits for an input while a cutter is on, which the card switches off at rest".into(),
+                "switch the cutter off before the wait",
+            ),
+            Self::NoInput(input) => (
+                "E4313",
+                format!("M66 reads input {input}, which the machine file does not declare"),
+                "declare it: [[card.input]] with its number and its use, \"plain\" for one that only programs read",
+            ),
             Self::NoProbe => (
                 "E4310",
                 "a probing move (G38), and the machine file has no probe".into(),
@@ -99,8 +113,8 @@ impl CanonError {
             ),
             Self::SpindleInProbing => (
                 "E4312",
-                "a probing move (G38) while the spindle is on".into(),
-                "stop it before (M5), or write spindle = \"may-turn\" in [probe]",
+                "a probing move (G38) while the spindle or a cutter is on".into(),
+                "switch it off before (M5); for a spindle that may turn, write spindle = \"may-turn\" in [probe]",
             ),
             Self::AnswerMismatch => (
                 "E2216",

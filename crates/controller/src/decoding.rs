@@ -11,7 +11,7 @@ use retrace_gcode::{ActiveCodes, Canon, CanonStep};
 use crate::batch_channel::{Batch, BatchChannel, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::plan_item::PlanEnd;
-use crate::probe_move::ProbeResult;
+use crate::question::MachineResult;
 
 /// Number of steps after which the decoder waits until the batch is taken. A block may have any number.
 const MAX_STEPS: usize = 2048;
@@ -77,11 +77,12 @@ impl Batch for BlockBatch {
 
 /// The decoding thread: decodes block by block until the program ends or is cancelled.
 ///
-/// Behind a probing move it waits for what `answers` brings: nothing behind the question is decoded (PRB-11).
+/// Behind a question to the machine it waits for what `answers` brings: nothing behind the question is decoded
+/// (PRB-11).
 pub(crate) fn decode(
     program: &mut impl BlockDecoder,
     sender: &BatchSender<'_, BlockBatch>,
-    answers: &Receiver<ProbeResult>,
+    answers: &Receiver<MachineResult>,
 ) {
     let mut steps = Vec::with_capacity(64);
     let mut last_sent = None;
@@ -91,13 +92,13 @@ pub(crate) fn decode(
         let active = program.active();
         let changed = if active == last_sent { None } else { active.map(Box::new) };
         last_sent = active;
-        let asks = steps.iter().any(|step| matches!(step.canon, Canon::StraightProbe(..)));
+        let asks = steps.iter().any(|step| matches!(step.canon, Canon::StraightProbe(..) | Canon::Wait(_)));
         if !sender.send(|batch| batch.add(&mut steps, changed, decoded)) || is_last {
             return;
         }
         if asks {
             let Ok(result) = answers.recv() else { return };
-            program.resolve_probe(&result);
+            program.resolve(&result);
         }
     }
 }

@@ -57,6 +57,7 @@ mod planned_path;
 mod planning;
 mod probe_move;
 mod program_analysis;
+mod question;
 mod read_ahead;
 mod record_streamer;
 mod report;
@@ -109,6 +110,7 @@ pub use probe_move::{ProbeMove, ProbeOutcome, ProbeResult};
 pub use program_analysis::{
     Analysed, BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_path, analyse_program,
 };
+pub use question::{InputQuestion, MachineResult, Question};
 pub use read_ahead::{ReadAhead, SourceStatus};
 pub use record_streamer::{PassedItem, RecordStreamer, SendHorizon};
 pub use report::Report;

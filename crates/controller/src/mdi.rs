@@ -15,7 +15,7 @@ use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::check_finding::CheckFinding;
 use crate::job;
 use crate::material_figures::{cutting_setup, spindle_use};
-use crate::probe_move::ProbeResult;
+use crate::question::MachineResult;
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
@@ -142,8 +142,12 @@ impl MdiBlock {
 }
 
 impl BlockDecoder for MdiBlock {
-    fn resolve_probe(&mut self, result: &ProbeResult) {
-        self.program.interpreter_mut().resolve_probe(&result.touch, &result.rest, result.touched);
+    fn resolve(&mut self, result: &MachineResult) {
+        let interpreter = self.program.interpreter_mut();
+        match result {
+            MachineResult::Probe(probed) => interpreter.resolve_probe(&probed.touch, &probed.rest, probed.touched),
+            MachineResult::Input(value) => interpreter.resolve_input(*value),
+        }
     }
 
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
@@ -202,7 +206,7 @@ mod tests {
         let refused = |text: &str| context.block(&machine, text).expect_err(text).join("\n");
         assert!(refused("G0 X2001").contains("E4304"), "{}", refused("G0 X2001"));
         assert!(refused("G1 X1").contains("E1508") && refused("O1 while [1]").contains("E1012"));
-        assert!(refused("M66 P1").contains("E4302"));
+        assert!(refused("M66 E1").contains("E4302"));
         assert_eq!(context.active(), ModalContext::new(interpreter_setup(&machine)).active());
     }
 }

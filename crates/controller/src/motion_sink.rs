@@ -8,6 +8,7 @@ use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::probe_move::ProbeOutcome;
+use crate::question::InputQuestion;
 
 /// Receives a program's moves and switching, in machine coordinates and mm.
 pub trait MotionSink<const A: usize> {
@@ -62,6 +63,15 @@ pub trait MotionSink<const A: usize> {
         Ok(None)
     }
 
+    /// A wait for an input, at rest. `None`: this sink asks no machine.
+    ///
+    /// # Errors
+    /// The reason why it is rejected.
+    fn read_input(&mut self, _: InputQuestion, line: u32) -> Result<Option<i32>, PlanWriteError> {
+        self.exclusive(SwitchInstruction { line, code: "M66", ..SwitchInstruction::default() })?;
+        Ok(None)
+    }
+
     /// A message for the operator.
     ///
     /// # Errors
@@ -102,6 +112,10 @@ impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
         line: u32,
     ) -> Result<Option<ProbeOutcome<A>>, PlanWriteError> {
         PlanWriter::probe(self, end_mm, feed_mm_s, probing, line).map(Some)
+    }
+
+    fn read_input(&mut self, question: InputQuestion, line: u32) -> Result<Option<i32>, PlanWriteError> {
+        PlanWriter::read_input(self, question, line).map(Some)
     }
 
     fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled> {

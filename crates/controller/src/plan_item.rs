@@ -3,7 +3,7 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that a consumer that has seen the
 //! record has seen the item (GMC-3: the front marker stands in the stream at its place).
 
-use crate::probe_move::ProbeMove;
+use crate::question::Question;
 use retrace_core::RecordIndex;
 use retrace_gcode::ActiveCodes;
 use retrace_journal::MarkDifference;
@@ -25,6 +25,8 @@ pub enum ExclusiveKind {
     ToolChange,
     /// A probing move (G38) that is not answered yet.
     Probe,
+    /// A wait for an input (M66) that is not answered yet.
+    Input,
 }
 
 /// An exclusive instruction without a number.
@@ -54,8 +56,8 @@ pub struct ExclusiveInstruction {
     pub restart_pierce: u32,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
-    /// The probing move, of [`ExclusiveKind::Probe`].
-    pub probe: Option<Box<ProbeMove>>,
+    /// The question, of [`ExclusiveKind::Probe`] and [`ExclusiveKind::Input`].
+    pub question: Option<Box<Question>>,
 }
 
 impl ExclusiveInstruction {

@@ -17,7 +17,7 @@ use crate::canon_executor::CanonExecutor;
 use crate::decoding::BlockBatch;
 use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
-use crate::probe_move::ProbeResult;
+use crate::question::MachineResult;
 use crate::start_line::{SkippedBlocks, StartPoint};
 
 /// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `start`: where to
@@ -29,7 +29,7 @@ pub(crate) fn plan<const A: usize>(
     batch: BlockBatch,
     (start, rests): (Option<(StartPoint, Arc<AtomicU32>)>, Vec<u64>),
     plan_writer: PlanWriter<'_, A>,
-    answers: Sender<ProbeResult>,
+    answers: Sender<MachineResult>,
 ) -> Option<PlanSummary> {
     let skipped = start.map(|(start, contours)| (start, SkippedBlocks::new(*plan_writer.outputs(), machine, contours)));
     PlanningThread {
@@ -51,7 +51,7 @@ struct PlanningThread<'m, 'r, const A: usize> {
     /// Where to begin, and what the blocks before have switched.
     skipped: Option<(StartPoint, SkippedBlocks)>,
     plan_writer: PlanWriter<'r, A>,
-    answers: Sender<ProbeResult>,
+    answers: Sender<MachineResult>,
     rests: Vec<u64>,
     blocks: u64,
     canonical: u64,
@@ -150,16 +150,16 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                     .map_err(|cancelled| (cancelled.into(), step.line))?;
             }
             let result = match &mut self.skipped {
-                Some(_) if matches!(step.canon, Canon::StraightProbe(..)) => {
-                    Err(CanonError::NotSupported("a start behind a probing move (G38)"))
+                Some(_) if matches!(step.canon, Canon::StraightProbe(..) | Canon::Wait(_)) => {
+                    Err(CanonError::NotSupported("a start behind a question to the machine (G38, M66)"))
                 }
                 Some((_, before)) => self.executor.execute::<A>(&step.canon, step.line, before),
                 None => self.executor.execute(&step.canon, step.line, &mut self.plan_writer),
             };
             result.map_err(|why| (why, step.line))?;
-            if let Some(probed) = self.executor.take_probe_result() {
+            if let Some(learned) = self.executor.take_learned() {
                 // A decoder that has ended needs no answer.
-                let _ = self.answers.send(probed);
+                let _ = self.answers.send(learned);
             }
             self.canonical += u64::from(step.canon != Canon::MachineCoordinates);
         }

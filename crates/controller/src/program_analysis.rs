@@ -292,7 +292,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             ExclusiveKind::Dwell => self.dwell_periods += periods,
             ExclusiveKind::Switch => self.switch_periods += periods,
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
-            ExclusiveKind::OptionalStop | ExclusiveKind::Probe => {}
+            ExclusiveKind::OptionalStop | ExclusiveKind::Probe | ExclusiveKind::Input => {}
         }
         let lights = switch.changes.iter().any(|change| self.scan.contours.is_open(change.channel));
         if self.is_piercing && (lights || switch.kind == ExclusiveKind::Dwell && switch.code == "G4") {

@@ -65,7 +65,8 @@ pub use journal_reader::{JournalEntries, JournalError, JournalTail};
 pub use journal_store::{FileStore, JournalStore};
 pub use journal_writer::{JournalEventWriter, JournalIndexWriter, JournalWriter};
 pub use place_index::{
-    IndexEntry, IndexWriter, JournalConfig, LengthChange, MarkDifference, PlaceMark, ProbeAnswer, ProgramAnswer,
+    IndexEntry, IndexWriter, InputAnswer, JournalConfig, LengthChange, MarkDifference, PlaceMark, ProbeAnswer,
+    ProgramAnswer,
 };
 pub use record_ranges::RecordRanges;
 pub use spool::{SpoolProgress, SpoolReplay, SpoolWriter};

@@ -51,6 +51,41 @@ pub struct LengthChange {
 pub enum ProgramAnswer {
     /// Of a probing move.
     Probe(ProbeAnswer),
+    /// Of a wait for an input (M66).
+    Input(InputAnswer),
+}
+
+impl ProgramAnswer {
+    /// Block and place that asked.
+    #[must_use]
+    pub const fn asked_at(&self) -> (u64, u32) {
+        match self {
+            Self::Probe(answer) => (answer.block, answer.place),
+            Self::Input(answer) => (answer.block, answer.place),
+        }
+    }
+
+    /// The same answer, to this block and place.
+    #[must_use]
+    pub fn to_question_at(mut self, at: (u64, u32)) -> Self {
+        match &mut self {
+            Self::Probe(answer) => (answer.block, answer.place) = at,
+            Self::Input(answer) => (answer.block, answer.place) = at,
+        }
+        self
+    }
+}
+
+/// Answer of a wait for an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InputAnswer {
+    /// Number of the decoder's block, from 1.
+    pub block: u64,
+    /// Place of the wait.
+    pub place: u32,
+    /// The level of the input, 1 or 0; −1 where the time was over.
+    pub value: i32,
 }
 
 /// Answer of a probing move.

@@ -17,6 +17,7 @@ mod feed_override;
 mod hand;
 mod heights;
 mod ignored_ok;
+mod inputs;
 mod jets;
 mod jumps;
 mod markers;

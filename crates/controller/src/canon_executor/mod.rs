@@ -20,7 +20,7 @@ use retrace_motion::{Arc as ArcMove, FeedRate, PathMode};
 use crate::canon_error::CanonError;
 use crate::cutter_track::CutterTrack;
 use crate::motion_sink::MotionSink;
-use crate::probe_move::ProbeResult;
+use crate::question::MachineResult;
 use crate::spline::chords;
 
 use cut_areas::CutAreas;
@@ -106,8 +106,8 @@ pub(crate) struct CanonExecutor<'m> {
     sensed_at: Option<[f64; 3]>,
     /// Whether the spindle is on.
     spindle_turns: bool,
-    /// What the last probing move has found, until it is taken.
-    probed: Option<ProbeResult>,
+    /// What the program learns of the last question, until it is taken.
+    learned: Option<MachineResult>,
     /// What the contours have enclosed, where the height behind them depends on it.
     cut_areas: Option<CutAreas>,
 }
@@ -143,7 +143,7 @@ impl<'m> CanonExecutor<'m> {
             layer: LayerState::Zero,
             sensed_at: None,
             spindle_turns: false,
-            probed: None,
+            learned: None,
             cut_areas: machine.tool_layer().filter(|layer| layer.retracts()).map(|_| CutAreas::default()),
         }
     }

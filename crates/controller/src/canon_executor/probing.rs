@@ -1,13 +1,14 @@
-//! Probing moves: G38.2 to G38.5 (PRB-7 to PRB-9).
+//! Questions to the machine: probing moves, G38.2 to G38.5, and inputs, M66 (PRB-7 to PRB-9, PRB-12).
 //!
 //! Invariant: behind a probing move that the machine has answered, the position is where it came to rest.
 
-use retrace_gcode::{Axis, Pose, Probing};
+use retrace_gcode::{Axis, Pose, Probing, WaitFor, WaitForInput, WaitInput};
 
 use super::CanonExecutor;
 use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
 use crate::probe_move::{ProbeOutcome, ProbeResult, highest_feed_mm_s};
+use crate::question::{InputQuestion, MachineResult};
 
 impl CanonExecutor<'_> {
     pub(super) fn probe<const A: usize>(
@@ -21,7 +22,7 @@ impl CanonExecutor<'_> {
         if probe.input.is_none() {
             return Err(CanonError::NoProbe);
         }
-        if self.spindle_turns && !probe.spindle_may_turn {
+        if self.cutters.is_any_lit() || self.spindle_turns && !probe.spindle_may_turn {
             return Err(CanonError::SpindleInProbing);
         }
         let position = self.machine_position(end);
@@ -33,7 +34,6 @@ impl CanonExecutor<'_> {
             let (overtravel_mm, most_mm_min) = (probe.overtravel_mm, (60.0 * most).floor());
             return Err(CanonError::ProbeTooFast { overtravel_mm, most_mm_min });
         }
-        self.probed = None;
         let Some(outcome) = sink.probe(own, feed_mm_s, probing, line)? else {
             self.record_move_end(position, &really);
             return Ok(());
@@ -55,12 +55,33 @@ impl CanonExecutor<'_> {
                 result.touch[axis] = end[axis];
             }
         }
-        self.probed = Some(result);
+        self.learned = Some(MachineResult::Probe(result));
         Ok(())
     }
 
-    /// Takes what the last probing move has found, if the machine was asked.
-    pub(crate) fn take_probe_result(&mut self) -> Option<ProbeResult> {
-        self.probed.take()
+    pub(super) fn read_input<const A: usize>(
+        &mut self,
+        wait: &WaitForInput,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let WaitInput::Digital(number) = wait.input else {
+            return Err(CanonError::NotSupported("reading an analog input (M66 E)"));
+        };
+        let input = u8::try_from(number).ok().filter(|&input| self.machine.card.declares_input(input));
+        let input = input.ok_or(CanonError::NoInput(number))?;
+        let longest = if wait.wait_for == WaitFor::Immediate { 0.0 } else { wait.timeout };
+        if longest > 0.0 && self.cutters.is_any_lit() {
+            return Err(CanonError::LitWait);
+        }
+        let timeout_periods = (longest * 1e6 / f64::from(self.machine.period_us)).ceil() as u64;
+        let value = sink.read_input(InputQuestion { input, wait_for: wait.wait_for, timeout_periods }, line)?;
+        self.learned = value.map(|value| MachineResult::Input(f64::from(value)));
+        Ok(())
+    }
+
+    /// Takes what the program learns of the last question, if the machine was asked.
+    pub(crate) fn take_learned(&mut self) -> Option<MachineResult> {
+        self.learned.take()
     }
 }

@@ -105,7 +105,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
                 Err(CanonError::NotSupported("orienting the spindle (M19, G87)"))
             }
-            Canon::Wait(_) => Err(CanonError::NotSupported("waiting for an input (M66)")),
+            Canon::Wait(wait) => self.read_input(wait, line, sink),
             Canon::SetMotionOutputValue { output, value } => self.set_analog("M67", *output, *value, line, sink),
             Canon::SetAuxOutputValue { output, value } => self.set_analog("M68", *output, *value, line, sink),
             Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
@@ -464,7 +464,7 @@ impl<'m> CanonExecutor<'m> {
             restart_pierce,
             is_barrier: one_way,
             undone_in_reverse: undone,
-            probe: None,
+            question: None,
         })?)
     }
 }

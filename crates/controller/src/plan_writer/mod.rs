@@ -25,7 +25,7 @@ use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
-use crate::probe_move::ProbeMove;
+use crate::question::Question;
 use crate::soft_limits::{LimitFinding, extremes};
 use crate::tool_length::LengthOffers;
 use probing::Answers;
@@ -57,8 +57,8 @@ pub struct SwitchInstruction<'c> {
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
     pub undone_in_reverse: bool,
-    /// The probing move, of [`ExclusiveKind::Probe`].
-    pub probe: Option<ProbeMove>,
+    /// The question, of [`ExclusiveKind::Probe`] and [`ExclusiveKind::Input`].
+    pub question: Option<Question>,
 }
 
 /// An output change that waits for a move.
@@ -365,7 +365,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             restart_layer: switch.restart_layer,
             restart_pierce: switch.restart_pierce,
             is_barrier,
-            probe: switch.probe.map(Box::new),
+            question: switch.question.map(Box::new),
         };
         self.send(PathItem::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and redone like any other.

@@ -1,4 +1,4 @@
-//! Probing moves in the plan: the question to the machine, and the path behind its answer (PRB-6, PRB-11, PRB-14).
+//! Questions of the program in the plan, and the path behind their answers (PRB-6, PRB-11, PRB-12, PRB-14).
 //!
 //! Invariant: nothing behind a question is planned before its answer, and the answer is in the index before the records
 //! behind it.
@@ -6,26 +6,27 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
-use retrace_journal::{IndexEntry, ProbeAnswer, ProgramAnswer};
+use retrace_journal::{IndexEntry, ProgramAnswer};
 
 use super::{PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::plan_item::ExclusiveKind;
 use crate::probe_move::{ProbeMove, ProbeOutcome};
+use crate::question::{InputQuestion, Question};
 use retrace_gcode::Probing;
 
 /// Answers of the machine.
 #[derive(Debug, Default)]
 pub(super) struct Answers {
     /// From the motion path.
-    pub(super) receiver: Option<Receiver<ProbeAnswer>>,
+    pub(super) receiver: Option<Receiver<ProgramAnswer>>,
     /// Of an earlier run, in order.
     pub(super) replayed: VecDeque<ProgramAnswer>,
 }
 
 impl<const A: usize> PlanWriter<'_, A> {
-    /// Enables probing: answers come from the motion path, after those of an earlier run.
+    /// Enables questions: answers come from the motion path, after those of an earlier run.
     #[must_use]
-    pub(crate) fn with_answers(mut self, receiver: Receiver<ProbeAnswer>, replayed: &[ProgramAnswer]) -> Self {
+    pub(crate) fn with_answers(mut self, receiver: Receiver<ProgramAnswer>, replayed: &[ProgramAnswer]) -> Self {
         self.answers = Answers { receiver: Some(receiver), replayed: replayed.iter().cloned().collect() };
         self
     }
@@ -53,7 +54,9 @@ impl<const A: usize> PlanWriter<'_, A> {
         }
         let feed_nm_per_s = ((feed_mm_s * 1e6).round() as u64).max(1);
         let question = ProbeMove { from, to, feed_nm_per_s, probing };
-        let answer = self.ask(question, line)?;
+        let ProgramAnswer::Probe(answer) = self.ask(Question::Probe(question), line)? else {
+            return Err(PlanWriteError::AnswerMismatch);
+        };
         let records = question.executed_records::<A>(machine, &answer.runs).ok_or(PlanWriteError::AnswerMismatch)?;
         let mut moved = [0; A];
         for record in records {
@@ -81,18 +84,34 @@ impl<const A: usize> PlanWriter<'_, A> {
         Ok(ProbeOutcome { touch_mm, rest_mm: self.planner.commanded_mm(), touched: answer.touched })
     }
 
+    /// Waits for an input: the motion comes to rest, and the machine is asked. Returns the level, 1 or 0, or −1 where
+    /// the time was over.
+    ///
+    /// # Errors
+    /// [`PlanWriteError::Cancelled`], or an answer in the journal that is none to this question.
+    pub fn read_input(&mut self, question: InputQuestion, line: u32) -> Result<i32, PlanWriteError> {
+        self.rest()?;
+        match self.ask(Question::Input(question), line)? {
+            ProgramAnswer::Input(answer) => Ok(answer.value),
+            ProgramAnswer::Probe(_) => Err(PlanWriteError::AnswerMismatch),
+        }
+    }
+
     /// Returns the answer to a question: that of an earlier run, or the machine's.
-    fn ask(&mut self, question: ProbeMove, line: u32) -> Result<ProbeAnswer, PlanWriteError> {
-        let (block, place, code) = (self.block, self.ring.write().number(), question.code());
-        if let Some(ProgramAnswer::Probe(answer)) = self.answers.replayed.pop_front() {
-            if (answer.block, answer.place) != (block, place) {
+    fn ask(&mut self, question: Question, line: u32) -> Result<ProgramAnswer, PlanWriteError> {
+        let (at, code) = ((self.block, self.ring.write().number()), question.code());
+        if let Some(answer) = self.answers.replayed.pop_front() {
+            if answer.asked_at() != at {
                 return Err(PlanWriteError::AnswerMismatch);
             }
             self.exclusive(SwitchInstruction { line, code, ..SwitchInstruction::default() })?;
             return Ok(answer);
         }
-        let probe = Some(question);
-        self.exclusive(SwitchInstruction { line, code, kind: ExclusiveKind::Probe, probe, ..Default::default() })?;
+        let kind = match question {
+            Question::Probe(_) => ExclusiveKind::Probe,
+            Question::Input(_) => ExclusiveKind::Input,
+        };
+        self.exclusive(SwitchInstruction { line, code, kind, question: Some(question), ..Default::default() })?;
         self.write_mark();
         let answer = self.wait_for(|writer| match writer.answers.receiver.as_ref().map(Receiver::try_recv) {
             Some(Ok(answer)) => Some(Some(answer)),
@@ -100,9 +119,8 @@ impl<const A: usize> PlanWriter<'_, A> {
             // The motion path has ended.
             Some(Err(TryRecvError::Disconnected)) | None => Some(None),
         })?;
-        let Some(answer) = answer else { return Err(PlanWriteError::Cancelled) };
-        let answer = ProbeAnswer { block, place, ..answer };
-        self.index.write(IndexEntry::Answer(Box::new(ProgramAnswer::Probe(answer.clone()))));
+        let answer = answer.ok_or(PlanWriteError::Cancelled)?.to_question_at(at);
+        self.index.write(IndexEntry::Answer(Box::new(answer.clone())));
         Ok(answer)
     }
 }

@@ -14,6 +14,7 @@ mod cut_mapping;
 mod cutter_watch;
 mod direct_return;
 mod dnc_pause;
+mod input_wait;
 mod job_phase;
 mod kerf_search;
 mod lead_in;
@@ -56,6 +57,7 @@ use back_target::BackTarget;
 use contour_pass::ContourPass;
 use cut_map::CutMap;
 use direct_return::RetraceEstimate;
+use input_wait::InputWait;
 use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
 use pause_state::DncPause;
@@ -143,6 +145,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     tool_lift: ToolLift,
     /// Probing moves of the program.
     probing: ProgramProbing<A>,
+    /// Wait of the program for an input.
+    input_wait: Option<InputWait>,
     /// Test pulse that is on.
     test_pulse: Option<TestPulse>,
     /// Whether the handwheel has been behind `reached`.
@@ -205,6 +209,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             contour_pass: ContourPass::default(),
             tool_lift: ToolLift::default(),
             probing: ProgramProbing::new(machine),
+            input_wait: None,
             test_pulse: None,
             wheel_was_behind: false,
             window_is_trimmed: true,

@@ -10,7 +10,7 @@ use std::sync::mpsc::SyncSender;
 
 use retrace_config::MachineConfig;
 use retrace_core::{Place, Rate, RecordIndex};
-use retrace_journal::ProbeAnswer;
+use retrace_journal::{ProbeAnswer, ProgramAnswer};
 use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch};
 
 use super::{Outcome, Session};
@@ -29,7 +29,7 @@ const MAX_RUNS: usize = 1 << 16;
 #[derive(Debug)]
 pub(super) struct ProgramProbing<const A: usize> {
     /// To the planner; `None` where the program cannot probe.
-    answers: Option<SyncSender<ProbeAnswer>>,
+    answers: Option<SyncSender<ProgramAnswer>>,
     /// The probe's input, and the filter of its level.
     input: Option<(u8, u16)>,
     axes: usize,
@@ -74,6 +74,13 @@ impl<const A: usize> ProgramProbing<A> {
         self.current.as_ref().map(|current| current.line)
     }
 
+    /// Gives the planner an answer.
+    pub(super) fn send(&self, answer: ProgramAnswer) -> Result<(), CardError> {
+        let is_sent = self.answers.as_ref().is_some_and(|answers| answers.try_send(answer).is_ok());
+        let refused = || fault("E3031", "the planner takes no answer of the machine", "please report this");
+        is_sent.then_some(()).ok_or_else(refused)
+    }
+
     /// Records that the machine moved in a period.
     fn record(&mut self, distance: u64) -> Result<(), CardError> {
         self.moved += 1;
@@ -92,9 +99,9 @@ impl<const A: usize> ProgramProbing<A> {
 }
 
 impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
-    /// Enables probing moves.
+    /// Enables questions of the program.
     #[must_use]
-    pub(crate) fn with_answers(mut self, answers: SyncSender<ProbeAnswer>) -> Self {
+    pub(crate) fn with_answers(mut self, answers: SyncSender<ProgramAnswer>) -> Self {
         self.probing.answers = Some(answers);
         self
     }
@@ -208,10 +215,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let (place, line) = (current.place, current.line);
         let answer =
             ProbeAnswer { block: 0, place: place.number(), touched: touch.is_some(), touch: touch_counts, rest, runs };
-        let is_sent = self.probing.answers.as_ref().is_some_and(|answers| answers.try_send(answer).is_ok());
-        if !is_sent {
-            return Err(fault("E3031", "the planner takes no answer of the probe", "please report this"));
-        }
+        self.probing.send(ProgramAnswer::Probe(answer))?;
         if let Some(current) = &mut self.probing.current {
             current.end = place + self.probing.moved;
         }

@@ -10,6 +10,7 @@ use retrace_link::{CardStatus, HostCommand, Instruction, LayerMove, MotionCard, 
 use super::{ProgramStop, Session};
 use crate::event::{CardError, EventKind};
 use crate::plan_item::ExclusiveKind;
+use crate::question::Question;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Sends the instruction whose place the motion has reached, if it may be executed now (GMC-5). Returns false where
@@ -25,13 +26,18 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let stops = match kind {
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => true,
             ExclusiveKind::OptionalStop => self.optional_stop,
-            ExclusiveKind::Switch | ExclusiveKind::Dwell | ExclusiveKind::Probe => false,
+            ExclusiveKind::Switch | ExclusiveKind::Dwell | ExclusiveKind::Probe | ExclusiveKind::Input => false,
         };
-        if let (ExclusiveKind::Probe, Some(question)) = (kind, exclusive.probe.as_deref().copied()) {
-            let place = exclusive.place;
-            self.begin_probing(question, place, line)?;
-            return Ok(false);
+        let (place, question) = (exclusive.place, exclusive.question.as_deref().copied());
+        match question {
+            Some(Question::Probe(question)) => {
+                self.begin_probing(question, place, line)?;
+                return Ok(false);
+            }
+            Some(Question::Input(question)) if !self.has_read_input(question, place, line)? => return Ok(false),
+            _ => {}
         }
+        let Some(exclusive) = self.streamer.due_instruction(self.card.status()) else { return Ok(false) };
         if stops && self.program_stop != ProgramStop::Continued && self.config.run_mode.operator {
             if self.program_stop == ProgramStop::No {
                 self.program_stop = ProgramStop::Waiting;
@@ -83,7 +89,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.streamer.mark_sent();
         self.executing = Some(kind);
         self.stats.switch_events += u64::from(kind == ExclusiveKind::Switch);
-        self.emit_at(line, EventKind::Switching(code));
+        if kind != ExclusiveKind::Input {
+            self.emit_at(line, EventKind::Switching(code));
+        }
         self.acknowledge_instruction();
         Ok(true)
     }

@@ -187,7 +187,7 @@ fn what_the_card_does_not_have_is_refused_by_name() {
     let machine = MachineConfig::built_in().expect("valid");
     for (text, name) in [
         ("S9 M3 G33 Z1 K1\nM2\n", "G33"),
-        ("M66 P1\nM2\n", "M66"),
+        ("M66 E1\nM2\n", "M66"),
         ("M67 E1 Q2\nM2\n", "M67"),
         ("M68 E1 Q2\nM2\n", "M68"),
     ] {

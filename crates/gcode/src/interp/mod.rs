@@ -512,6 +512,12 @@ impl Interpreter {
         self.core.resolve_probe(touch, rest, touched);
     }
 
+    /// Replaces the assumed result of the last M66 by the machine's: the level of the input, 1 or 0, or −1 where the
+    /// time was over.
+    pub fn resolve_input(&mut self, value: f64) {
+        self.core.resolve_input(value);
+    }
+
     /// Returns the number of the current line, counted from 1.
     #[must_use]
     pub fn line_number(&self) -> u32 {

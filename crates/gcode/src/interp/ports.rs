@@ -65,6 +65,11 @@ impl Core {
         Ok(())
     }
 
+    /// Replaces the assumed result of the last M66 by the machine's.
+    pub(super) fn resolve_input(&mut self, value: f64) {
+        self.parameters.set(INPUT, value);
+    }
+
     /// Executes M100 … M199.
     pub(super) fn user_code(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         match code {

@@ -1,0 +1,47 @@
+//! Questions of a program to the machine, and what the program learns (PRB-7, PRB-11, PRB-12).
+//!
+//! Invariant: a question is whole numbers, so that a resumed job asks the same one.
+
+use retrace_gcode::WaitFor;
+
+use crate::probe_move::{ProbeMove, ProbeResult};
+
+/// A question to the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Question {
+    /// Where does the probe respond?
+    Probe(ProbeMove),
+    /// When does an input change, or what is its level?
+    Input(InputQuestion),
+}
+
+/// A wait for an input (M66).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InputQuestion {
+    /// Number of the input.
+    pub input: u8,
+    /// Condition that ends the wait.
+    pub wait_for: WaitFor,
+    /// Control periods after which it ends without.
+    pub timeout_periods: u64,
+}
+
+impl Question {
+    /// Its code in the program.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Probe(question) => question.code(),
+            Self::Input(_) => "M66",
+        }
+    }
+}
+
+/// What the program learns.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MachineResult {
+    /// Of a probing move.
+    Probe(ProbeResult),
+    /// Of M66: the level of the input, 1 or 0; −1 where the time was over.
+    Input(f64),
+}
