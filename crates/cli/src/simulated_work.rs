@@ -20,9 +20,10 @@ pub fn parsed_work(text: Option<&str>, machine: &MachineConfig) -> Result<Option
         |what: String| NumberedError::new("E2154", format!("--work: {what}"), "see docs/simulated-machine.md");
     let input = machine.probe.input.ok_or_else(|| refused("the machine file has no probe".into()))?;
     let axes = ['x', 'y', 'z'].map(|letter| machine.axis_of(letter).map(|index| index as u8));
-    let nm = |axis: Option<u8>| axis.map_or(0, |axis| (1e6 / machine.axes[usize::from(axis)].pulses_per_mm) as i64);
+    let pm =
+        |axis: Option<u8>| axis.map_or(0, |axis| (1e9 / machine.axes[usize::from(axis)].pulses_per_mm).round() as i64);
     let mut work =
-        ProbedWork { input, axes, nm_per_pulse: [nm(axes[0]), nm(axes[1])], bodies: Vec::new(), bounce_us: 0 };
+        ProbedWork { input, axes, pm_per_pulse: [pm(axes[0]), pm(axes[1])], bodies: Vec::new(), bounce_us: 0 };
     for item in text.split(';').map(str::trim).filter(|item| !item.is_empty()) {
         add(item, machine, &mut work).ok_or_else(|| refused(format!("`{item}` is no body; valid are {ITEMS}")))?;
     }
@@ -42,7 +43,7 @@ fn add(item: &str, machine: &MachineConfig, work: &mut ProbedWork) -> Option<()>
         let ends = range(2, z)?;
         Some(Cylinder {
             centre: [counts(0, number(x)?), counts(1, number(y)?)],
-            radius_nm: (number(diameter)?.abs() * 5e5) as i64,
+            radius_pm: (number(diameter)?.abs() * 5e8).round() as i64,
             ends: [*ends.start(), *ends.end()],
         })
     };

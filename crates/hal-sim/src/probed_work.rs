@@ -9,8 +9,8 @@ use retrace_core::fine::pulse_slots;
 const PARTS: u32 = 1 << 16;
 /// Interval at which a bouncing contact changes, in microseconds.
 const BOUNCE_US: u64 = 300;
-/// Width of the wall around a bore, in nanometres.
-const WALL_NM: i64 = 10_000_000;
+/// Width of the wall around a bore, in picometres.
+const WALL_PM: i64 = 10_000_000_000;
 
 /// A body, in pulses of the axes X, Y and Z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,8 +28,8 @@ pub enum ProbedBody {
 pub struct Cylinder {
     /// Centre, in pulses of X and Y.
     pub centre: [i64; 2],
-    /// Radius, in nanometres.
-    pub radius_nm: i64,
+    /// Radius, in picometres.
+    pub radius_pm: i64,
     /// Lower and upper end, in pulses of Z.
     pub ends: [i64; 2],
 }
@@ -41,8 +41,8 @@ pub struct ProbedWork {
     pub input: u8,
     /// The machine's axes X, Y and Z, from 0, where it has them.
     pub axes: [Option<u8>; 3],
-    /// Length of a pulse of X and Y, in nanometres.
-    pub nm_per_pulse: [i64; 2],
+    /// Length of a pulse of X and Y, in picometres.
+    pub pm_per_pulse: [i64; 2],
     /// The bodies.
     pub bodies: Vec<ProbedBody>,
     /// Time for which the contact bounces after each change, in microseconds.
@@ -57,15 +57,15 @@ impl ProbedWork {
         self.bodies.iter().any(|body| match body {
             ProbedBody::Box(low, high) => (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis])),
             ProbedBody::Boss(cylinder) => self.is_within(cylinder, &at, 0),
-            ProbedBody::Bore(cylinder) => self.is_within(cylinder, &at, WALL_NM) && !self.is_within(cylinder, &at, -1),
+            ProbedBody::Bore(cylinder) => self.is_within(cylinder, &at, WALL_PM) && !self.is_within(cylinder, &at, -1),
         })
     }
 
-    /// Whether a position is in a cylinder whose radius is larger by `more_nm`.
-    fn is_within(&self, cylinder: &Cylinder, at: &[i64; 3], more_nm: i64) -> bool {
+    /// Whether a position is in a cylinder whose radius is larger by `more_pm`.
+    fn is_within(&self, cylinder: &Cylinder, at: &[i64; 3], more_pm: i64) -> bool {
         let [x, y] =
-            [0, 1].map(|axis| i128::from(at[axis] - cylinder.centre[axis]) * i128::from(self.nm_per_pulse[axis]));
-        let radius = i128::from(cylinder.radius_nm + more_nm);
+            [0, 1].map(|axis| i128::from(at[axis] - cylinder.centre[axis]) * i128::from(self.pm_per_pulse[axis]));
+        let radius = i128::from(cylinder.radius_pm + more_pm);
         let [low, high] = cylinder.ends;
         (low..=high).contains(&at[2]) && x * x + y * y <= radius * radius
     }
@@ -130,7 +130,7 @@ mod tests {
 
     fn work(bodies: Vec<ProbedBody>) -> ProbedWork {
         let axes = [Some(0), Some(1), Some(2)];
-        ProbedWork { input: 3, axes, nm_per_pulse: [1000; 2], bodies, bounce_us: 0 }
+        ProbedWork { input: 3, axes, pm_per_pulse: [1000; 2], bodies, bounce_us: 0 }
     }
 
     #[test]
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn a_boss_is_touched_from_outside_and_a_bore_from_inside() {
-        let cylinder = Cylinder { centre: [1000, 0], radius_nm: 500_000, ends: [-10, 0] };
+        let cylinder = Cylinder { centre: [1000, 0], radius_pm: 500_000, ends: [-10, 0] };
         let (boss, bore) = (work(vec![ProbedBody::Boss(cylinder)]), work(vec![ProbedBody::Bore(cylinder)]));
         assert_eq!([499, 500, 1000, 1500, 1501].map(|x| boss.touches(&[x, 0, -5])), [false, true, true, true, false]);
         assert_eq!(

@@ -284,6 +284,28 @@ fn probed_points_are_written_to_a_file_and_again_by_a_resumed_job() {
     assert_eq!(events(&resumed, "probed").len(), 2, "{}", resumed.out);
 }
 
+/// 25 400 pulses a millimetre are no whole number of nanometres each.
+#[test]
+fn a_bore_is_as_wide_as_it_is_given_and_outputs_stay_as_they_are() {
+    let axes = ["x", "y", "z"].map(|axis| {
+        format!(
+            "[[axis]]\nname = \"{axis}\"\npulses_per_mm = 25400\nmax_velocity_mm_per_s = 30\n\
+            max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-200, 200]\n"
+        )
+    });
+    let bench = bench(&(axes.concat() + PROBE), "G21 G90\nM8\nG38.2 X20 F600\nM9\nG1 X0 F600\nM2\n");
+    let vcd = bench.path("pins.vcd");
+    let trace = vcd.display().to_string();
+    let work = "bore=0,0,20,-10:10";
+    let result = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", work, "--vcd", &trace, "--json"]);
+    assert_eq!(result.code, Some(0), "{}{}", result.out, result.err);
+    let touch = events(&result, "probed")[0]["counts"][0].as_i64().unwrap_or_default();
+    assert!((touch - 254_000).abs() <= 1, "{touch}");
+    let samples = samples(&vcd);
+    let outward: Vec<_> = samples.windows(2).filter(|pair| pair[1].counts[0] > pair[0].counts[0]).collect();
+    assert!(outward.len() > 900 && outward.iter().all(|pair| pair[1].is_on("flood")), "{}", outward.len());
+}
+
 /// What a program prints behind its last motion is printed before the job ends.
 #[test]
 fn a_message_behind_the_last_motion_is_printed() {
