@@ -165,10 +165,10 @@ fn another_pseudo_terminal_of_the_same_number_is_not_opened() {
     let (card, mut host) = pair();
     host.reopen().expect("it is the same one");
     let path = card.path().to_owned();
+    // The time of a device file is that of a tick of the kernel, and any other test may take the number at once.
+    std::thread::sleep(Duration::from_millis(20));
     drop(card);
     assert_eq!(host.reopen().expect_err("it is gone").number, "E2141");
-    // The time of a device file is that of a tick of the kernel.
-    std::thread::sleep(Duration::from_millis(20));
     let mut others = Vec::new();
     while !path.exists() && others.len() < 100 {
         others.push(Pty::open().expect("a pseudo-terminal"));
