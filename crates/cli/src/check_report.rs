@@ -34,7 +34,8 @@ impl<const A: usize> CheckReport<'_, A> {
         // Writing to a string cannot fail.
         let _ = write!(
             text,
-            "\n  at 100 %: {} total: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
+            "\n  at 100 %: {}{} total: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
+            if analysis.is_time_partial { "at least " } else { "" },
             clock(self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods)),
             self.seconds(analysis.motion_periods),
             self.seconds(analysis.dwell_periods),
@@ -97,10 +98,22 @@ impl<const A: usize> CheckReport<'_, A> {
         if !ranges.is_empty() {
             let _ = write!(text, "\n  {}", ranges.join(" · "));
         }
+        text += &self.measurements_text();
         let barriers = analysis.barriers.iter().map(|barrier| format!("{} of line {}", barrier.code, barrier.line));
         text += &list_line("cannot be passed backward", barriers);
         text += &list_line("stops", analysis.stops.iter().map(|line| format!("line {line}")));
         text
+    }
+
+    /// Note about the moves whose ends the machine decides; empty without any.
+    fn measurements_text(&self) -> String {
+        match self.analysis.scan.unknown_moves.len() {
+            0 => String::new(),
+            1 => "\n  note: 1 move depends on measurements; its limits are checked as it is planned".to_owned(),
+            count => {
+                format!("\n  note: {count} moves depend on measurements; their limits are checked as they are planned")
+            }
+        }
     }
 
     /// Whether M3 turns a spindle. Where it switches a torch, a jet or a beam, S is no speed.
@@ -119,7 +132,8 @@ impl<const A: usize> CheckReport<'_, A> {
         let Some(extents) = work.extents_mm else {
             return format!("rotated by {}°", work.offset.rotation_deg);
         };
-        let axes = self.machine.axes.iter().zip(extents);
+        // An axis whose positions are unknown has no extents.
+        let axes = self.machine.axes.iter().zip(extents).filter(|(_, [least, _])| least.is_finite());
         let ranges = axes
             .map(|(axis, [least, greatest])| format!("{} {least:.3} … {greatest:.3}", axis.name.to_ascii_uppercase()));
         ranges.collect::<Vec<_>>().join("  ") + " mm"
@@ -161,6 +175,8 @@ impl<const A: usize> CheckReport<'_, A> {
             "blocks": self.blocks,
             "moves": analysis.scan.moves,
             "period_ms": f64::from(self.machine.period_us) / 1000.0,
+            "is_time_partial": analysis.is_time_partial,
+            "measured_moves": analysis.scan.unknown_moves,
             "motion_s": self.seconds(analysis.motion_periods),
             "plan_fallbacks": {
                 "no_plan": fallbacks.no_plan,
@@ -201,7 +217,8 @@ impl<const A: usize> CheckReport<'_, A> {
         let origin: Map<_, _> =
             axes().map(|axis| (axis.name.to_string(), json!(work.offset.origin_mm[Axis::ALL[axis.index()]]))).collect();
         let extents = work.extents_mm.map(|extents| {
-            axes().zip(extents).map(|(axis, range)| (axis.name.to_string(), json!(range))).collect::<Map<_, _>>()
+            let known = axes().zip(extents).filter(|(_, [least, _])| least.is_finite());
+            known.map(|(axis, range)| (axis.name.to_string(), json!(range))).collect::<Map<_, _>>()
         });
         json!({
             "system": system_name(work.offset.system),

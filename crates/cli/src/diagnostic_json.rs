@@ -2,7 +2,7 @@
 //!
 //! Invariant: both forms have the same message and location; the order is that of the lines.
 
-use retrace_controller::CheckFinding;
+use retrace_controller::{CheckFinding, more_rounds_text};
 use retrace_gcode::{Diagnostic, Severity};
 use serde_json::{Value, json};
 
@@ -23,21 +23,18 @@ pub struct DiagnosticPrinter {
     pub json: Value,
 }
 
-/// All diagnostics of a checked program; repetitions from a line in a loop count once.
+/// All diagnostics of a checked program, each once for a number and a place, with the number of its repetitions.
 pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<DiagnosticPrinter> {
     if decoder.is_at_end {
         decoder.program.check_after_end();
     }
     let diagnostics = decoder.program.interpreter().diagnostics();
-    let mut all: Vec<DiagnosticPrinter> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();
-    for (index, finding) in findings.iter().enumerate() {
-        let is_same = |other: &CheckFinding| {
-            (other.line, other.number, &other.cause) == (finding.line, finding.number, &finding.cause)
-        };
-        if !findings[..index].iter().any(is_same) {
-            all.push(of_finding(program, finding));
-        }
-    }
+    let with_rounds = diagnostics.iter().enumerate().map(|(index, one)| {
+        let rounds = more_rounds_text(decoder.program.interpreter().more_rounds(index));
+        Diagnostic { message: format!("{}{rounds}", one.message), ..one.clone() }
+    });
+    let mut all: Vec<DiagnosticPrinter> = with_rounds.map(|one| of_diagnostic(program, &one)).collect();
+    all.extend(findings.iter().map(|finding| of_finding(program, finding)));
     all.sort_by_key(|one| one.place);
     all
 }
@@ -69,7 +66,8 @@ fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> DiagnosticPrinte
 
 /// A finding with its source line, in the form of the diagnostics.
 fn of_finding(program: &Program, finding: &CheckFinding) -> DiagnosticPrinter {
-    let CheckFinding { line, word, number, cause: what, remedy } = finding;
+    let CheckFinding { line, word, number, cause, remedy, more_rounds } = finding;
+    let what = &format!("{cause}{}", more_rounds_text(*more_rounds));
     let gutter = " ".repeat(line.to_string().len());
     let source = program.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, *line));
     let source = String::from_utf8_lossy(&source);

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
 use retrace_controller::{BlockDecoder, ContourList, DecodedBlock, SourceStatus, interpreter_setup};
 use retrace_gcode::cycles::CycleLibrary;
-use retrace_gcode::{Ini, Material, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
+use retrace_gcode::{Answers, Ini, Material, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
 use retrace_journal::{FileHash, FileRole, ReadFile};
 
 use crate::args::Reading;
@@ -45,6 +45,8 @@ pub struct Program {
     folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
+    /// Whether the parameters are those of a file, or of programs before.
+    has_parameters: bool,
     /// Whether a table has tool lengths.
     pub(crate) has_tool_lengths: bool,
     /// Settings for opening a stream.
@@ -119,6 +121,8 @@ impl Program {
         };
         let mut files = Vec::new();
         let has_tool_table = reading.tools.is_some();
+        let own_parameters = reading.machine_tables.as_ref().is_some_and(|tables| tables.parameters.is_some());
+        let has_parameters = reading.params.is_some() || own_parameters || latched.is_some();
         let has_tool_lengths = match latched {
             Some(tables) => {
                 setup = setup.with_start_tables(tables);
@@ -186,6 +190,7 @@ impl Program {
             folders,
             setup,
             has_tool_table,
+            has_parameters,
             has_tool_lengths,
             opening,
             max_loop_blocks,
@@ -209,9 +214,9 @@ impl Program {
             .iter()
             .filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters | FileRole::Materials));
         other.files.extend(tables.cloned());
-        let Self { has_tool_table, has_tool_lengths, .. } = *self;
+        let Self { has_tool_table, has_parameters, has_tool_lengths, .. } = *self;
         other.opening.serial = self.opening.serial;
-        Ok(Self { has_tool_table, has_tool_lengths, ..other })
+        Ok(Self { has_tool_table, has_parameters, has_tool_lengths, ..other })
     }
 
     /// Contours that the last check has found; `None` for a stream, and before a check.
@@ -323,7 +328,25 @@ impl Program {
     /// Decoder for a check from the beginning, limited to `max_loop_blocks` in loops and calls.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
-        self.decoder_of(self.source())
+        self.decoder_of(self.checked_source(self.setup.clone()))
+    }
+
+    /// Decoder for a check by itself. Where no parameter file was given, the position of G30 is unknown.
+    pub(crate) fn report_decoder(&self) -> Decoder {
+        let mut setup = self.setup.clone();
+        if !self.has_parameters {
+            setup.parameters.forget_reference_point();
+        }
+        let progress = self.prescan.as_ref().and_then(|prescan| CheckProgress::of(prescan.lines()));
+        Decoder { progress, ..self.decoder_of(self.checked_source(setup)) }
+    }
+
+    /// Interpreter for a check of the program from the beginning: the answers of the machine are unknown.
+    fn checked_source(&self, setup: Setup) -> Source {
+        match &self.prescan {
+            Some(prescan) => Source::prescanned(Arc::clone(prescan), Setup { answers: Answers::Unknown, ..setup }),
+            None => self.source(),
+        }
     }
 
     fn decoder_of(&self, program: Source) -> Decoder {

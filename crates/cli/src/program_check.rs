@@ -29,7 +29,7 @@ impl Program {
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
-        self.check_by(&mut Vec::new(), |decoder| {
+        self.check_by(Self::shown_decoder, &mut Vec::new(), |decoder| {
             let (blocks, findings, mut found) = check_program::<9>(machine, decoder);
             self.set_planned_contours(std::mem::take(&mut found.contours));
             Ok((blocks, findings, found))
@@ -55,7 +55,8 @@ impl Program {
         machine: &MachineConfig,
         diagnostics: &mut Vec<Value>,
     ) -> Result<(), CommandFailure> {
-        self.check_by(diagnostics, |decoder| Ok(check_program::<9>(machine, decoder))).map(|_| ())
+        let check = |decoder: &mut Decoder| Ok(check_program::<9>(machine, decoder));
+        self.check_by(Self::report_decoder, diagnostics, check).map(|_| ())
     }
 
     /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
@@ -69,23 +70,24 @@ impl Program {
         diagnostics: &mut Vec<Value>,
     ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, CommandFailure> {
         let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
-        self.check_by(diagnostics, |decoder| Ok(analyse_program(machine, decoder).map_err(why)?))
+        let analyse = |decoder: &mut Decoder| Ok(analyse_program(machine, decoder).map_err(why)?);
+        self.check_by(Self::report_decoder, diagnostics, analyse)
     }
 
-    /// Checks the whole program and prints nothing.
+    /// Checks the whole program before a run and prints nothing.
     ///
     /// # Errors
     /// The program has errors; the text has its diagnostics.
     pub fn check_silently(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.check_silently_by(machine, self.decoder())
+        self.check_silently_by(machine, Self::decoder)
     }
 
-    /// Checks the whole program at a terminal, with a progress bar; see [`Self::check_silently`].
+    /// Checks the whole program by itself, at a terminal with a progress bar, and prints nothing.
     ///
     /// # Errors
     /// The program has errors; the text has its diagnostics.
     pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.check_silently_by(machine, self.shown_decoder())
+        self.check_silently_by(machine, Self::report_decoder)
     }
 
     /// Checks that a job of this program can begin at this contour. Where the contours are not known yet, only the
@@ -108,10 +110,11 @@ impl Program {
         }
     }
 
-    fn check_silently_by(&self, machine: &MachineConfig, mut decoder: Decoder) -> Result<(), String> {
+    fn check_silently_by(&self, machine: &MachineConfig, decoder: fn(&Self) -> Decoder) -> Result<(), String> {
         if self.prescan().is_none() {
             return Ok(());
         }
+        let mut decoder = decoder(self);
         let (_, findings, mut checked) = check_program::<9>(machine, &mut decoder);
         self.set_planned_contours(std::mem::take(&mut checked.contours));
         let found = diagnostic_json::all(self, &mut decoder, &findings);
@@ -121,13 +124,15 @@ impl Program {
 
     fn check_by<S>(
         &self,
+        decoder: fn(&Self) -> Decoder,
         diagnostics: &mut Vec<Value>,
         scan: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
     ) -> Result<Option<Checked<S>>, CommandFailure> {
         if self.prescan().is_none() {
             return Ok(None);
         }
-        let mut decoder = self.shown_decoder();
+        // A stream must not be opened for a check.
+        let mut decoder = decoder(self);
         let (blocks, findings, found) = scan(&mut decoder)?;
         decoder.progress = None;
         let all = diagnostic_json::all(self, &mut decoder, &findings);

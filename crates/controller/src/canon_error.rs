@@ -142,7 +142,7 @@ impl CanonError {
             Self::BeyondLimit(beyond) => Some(beyond.axis.to_ascii_uppercase()),
             _ => None,
         };
-        CheckFinding { line, word, number, cause: what, remedy: remedy.into() }
+        CheckFinding { line, word, number, cause: what, remedy: remedy.into(), more_rounds: 0 }
     }
 }
 

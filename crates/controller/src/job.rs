@@ -26,7 +26,7 @@ use retrace_motion::Planner;
 use crate::batch_channel::{BatchReceiver, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::canon_executor::CanonExecutor;
-use crate::check_finding::CheckFinding;
+use crate::check_finding::{CheckFinding, FindingList};
 use crate::command_queue::CommandSources;
 use crate::decoding::{self, BlockBatch};
 use crate::jog_planner;
@@ -40,16 +40,12 @@ use crate::record_streamer::RecordStreamer;
 use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::RunStats;
 use crate::session::{Outcome, RunMode, Session};
-use crate::soft_limits::LimitFinding;
 use crate::start_line::StartPoint;
 use crate::telemetry::{self, Observer};
 use crate::tool_length;
 
 /// Capacity of the item queue between the threads.
 const ITEM_QUEUE_CAPACITY: usize = 256;
-
-/// Maximum number of findings; a check ends there.
-const MAX_FINDINGS: usize = 100;
 
 /// Maximum number of contours that the check before a run lists for the run.
 const MAX_RUN_CONTOURS: usize = 10_000;
@@ -312,7 +308,7 @@ pub fn check_program<'m, const A: usize>(
         sink.contours.set_material(track.material());
         sink.contours.locate(|| program.location());
     });
-    findings.extend(sink.beyond.iter().map(LimitFinding::finding));
+    findings.extend_from_slice(sink.beyond.findings());
     findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);
     (blocks, findings, sink)
@@ -335,7 +331,7 @@ pub(crate) fn feed_each<const A: usize, S: MotionSink<A>, D: BlockDecoder>(
     mut look: impl FnMut(&CanonExecutor<'_>, &D, &mut S),
 ) -> (u64, Vec<CheckFinding>) {
     let mut track = CanonExecutor::new(machine);
-    let (mut steps, mut findings, mut blocks) = (Vec::new(), Vec::new(), 0);
+    let (mut steps, mut findings, mut blocks) = (Vec::new(), FindingList::default(), 0);
     loop {
         steps.clear();
         let decoded = program.next_block(&mut steps);
@@ -345,8 +341,8 @@ pub(crate) fn feed_each<const A: usize, S: MotionSink<A>, D: BlockDecoder>(
             }
             look(&track, program, sink);
         }
-        if decoded == DecodedBlock::End || findings.len() >= MAX_FINDINGS {
-            return (blocks, findings);
+        if decoded == DecodedBlock::End || findings.is_full() {
+            return (blocks, findings.into_findings());
         }
         blocks += 1;
     }

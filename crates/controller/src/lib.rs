@@ -76,7 +76,7 @@ mod tool_length;
 
 pub use block_decoder::{BlockDecoder, DecodedBlock};
 pub use canon_executor::WorkOffset;
-pub use check_finding::CheckFinding;
+pub use check_finding::{CheckFinding, FindingList, more_rounds_text};
 pub use command_channel::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
 pub use command_queue::CommandSources;
 pub use contour_list::{ContourList, MaterialSummary, PlannedContour, RestoredContour};

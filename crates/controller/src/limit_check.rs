@@ -3,13 +3,13 @@
 //! Invariant: a program that passes the check is programmed within the soft limits of every axis. Blends may leave the
 //! programmed path by their tolerance.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use retrace_config::MachineConfig;
 use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
-use crate::check_finding::CheckFinding;
+use crate::check_finding::{CheckFinding, FindingList};
 use crate::contour_list::ContourList;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
@@ -22,8 +22,10 @@ pub struct LimitCheck<'m, const A: usize> {
     at: [f64; A],
     /// Least and greatest coordinate of each axis so far, mm.
     pub extents_mm: Option<[[f64; 2]; A]>,
-    /// Moves beyond the soft limits, the first of each line.
-    pub beyond: Vec<LimitFinding>,
+    /// Moves beyond the soft limits, once for a line and an axis.
+    pub beyond: FindingList,
+    /// Program lines with moves of unknown end or way: their limits are checked as they are planned (PRB-19).
+    pub unknown_moves: BTreeSet<u32>,
     /// Number of moves.
     pub moves: u64,
     /// The same as `extents_mm`, since they were taken last.
@@ -37,9 +39,6 @@ pub struct LimitCheck<'m, const A: usize> {
     pub contours: ContourList<A>,
 }
 
-/// Maximum number of findings.
-const MAX_FINDINGS: usize = 100;
-
 impl<'m, const A: usize> LimitCheck<'m, A> {
     /// Creates a check that begins at the machine's position.
     #[must_use]
@@ -48,7 +47,8 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             machine,
             at: machine.start_mm(),
             extents_mm: None,
-            beyond: Vec::new(),
+            beyond: FindingList::default(),
+            unknown_moves: BTreeSet::new(),
             moves: 0,
             last_mm: None,
             on: BTreeMap::new(),
@@ -70,6 +70,11 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         self.machine
     }
 
+    /// Position of the machine, mm.
+    pub(crate) fn position_mm(&self) -> &[f64; A] {
+        &self.at
+    }
+
     /// Least and greatest coordinates of the ends of moves since the last call, mm.
     pub fn take_last(&mut self) -> Option<[[f64; 2]; A]> {
         self.last_mm.take()
@@ -86,6 +91,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             number: "W4101",
             cause: format!("{} is still on when the program ends; the end of the job switches it off", name(channel)),
             remedy: "switch it off where its cut ends".into(),
+            more_rounds: 0,
         });
         let undeclared = self.undeclared.iter().map(|(&channel, &line)| CheckFinding {
             line,
@@ -96,6 +102,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
                 name(channel)
             ),
             remedy: "declare it with [[cutter]] if it cuts, or name it with [[output]]".into(),
+            more_rounds: 0,
         });
         let mut all: Vec<CheckFinding> = left_on.chain(undeclared).collect();
         all.sort_by_key(|finding| finding.line);
@@ -120,6 +127,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
     /// Records a move of this length to `end_mm` in the contours.
     fn record_length(&mut self, feed: FeedRate, length_mm: f64, end_mm: [f64; A]) {
         match feed {
+            _ if length_mm.is_nan() => {}
             FeedRate::Rapid => self.contours.rapid(length_mm),
             FeedRate::PerSecond(_) | FeedRate::Duration(_) => self.contours.cut(length_mm, end_mm),
         }
@@ -164,10 +172,18 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
                 *range = [range[0].min(x), range[1].max(x)];
             }
         }
-        if self.beyond.len() < MAX_FINDINGS && self.beyond.last().is_none_or(|b| b.line != line) {
-            self.beyond.extend(LimitFinding::find(self.machine, point, |_| true, line));
+        if let Some(beyond) = LimitFinding::find(self.machine, point, |_| true, line) {
+            self.beyond.push(beyond.finding());
+        }
+        if has_unknown(point) {
+            self.unknown_moves.insert(line);
         }
     }
+}
+
+/// Whether a position has an unknown coordinate.
+pub(crate) fn has_unknown<const A: usize>(position_mm: &[f64; A]) -> bool {
+    position_mm.iter().any(|mm| mm.is_nan())
 }
 
 impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
@@ -193,6 +209,17 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
         self.at = arc.end_mm;
         self.visit(&arc.end_mm, line);
         Ok(())
+    }
+
+    fn unknown_motion(&mut self, end_mm: [f64; A], line: u32) {
+        self.moves += 1;
+        self.at = end_mm;
+        self.visit(&end_mm, line);
+        self.unknown_moves.insert(line);
+    }
+
+    fn set_position(&mut self, at_mm: [f64; A]) {
+        self.at = at_mm;
     }
 
     fn action(&mut self, change: OutputChange, line: u32) {
@@ -230,10 +257,11 @@ mod tests {
         scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 1).expect("looks only");
         let half = |rotation| Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation, end_mm: [0.0, 10.0] };
         scan.arc(&half(1), FeedRate::PerSecond(1.0), mode, 2).expect("looks only");
-        assert_eq!(scan.beyond, []);
+        assert_eq!(scan.beyond.findings().len(), 0);
         scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 3).expect("looks only");
         scan.arc(&half(-1), FeedRate::PerSecond(1.0), mode, 4).expect("looks only");
-        assert_eq!(scan.beyond, [LimitFinding { axis: 'x', position_mm: -10.0, limit_mm: -5.0, line: 4 }]);
+        let beyond = LimitFinding { axis: 'x', position_mm: -10.0, limit_mm: -5.0, line: 4 };
+        assert_eq!(scan.beyond.findings(), [beyond.finding()]);
         assert_eq!(scan.extents_mm, Some([[-10.0, 10.0], [-10.0, 10.0]]));
     }
 }

@@ -72,6 +72,15 @@ pub trait MotionSink<const A: usize> {
         Ok(None)
     }
 
+    /// A motion of unknown way, in a check only (PRB-17). An unknown coordinate is a NaN.
+    fn unknown_motion(&mut self, _end_mm: [f64; A], _line: u32) {}
+
+    /// The position from here on, in a check only. An unknown coordinate is a NaN.
+    fn set_position(&mut self, _at_mm: [f64; A]) {}
+
+    /// Whether the program makes the following moves whatever the machine answers, in a check only (PRB-18).
+    fn set_certain(&mut self, _is_certain: bool) {}
+
     /// A message for the operator.
     ///
     /// # Errors

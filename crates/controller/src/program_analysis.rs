@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use retrace_config::MachineConfig;
 use retrace_core::Flags;
+use retrace_gcode::Probing;
 use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, LimitError, PathMode, PlanFallbacks, Planner};
 
@@ -17,12 +18,13 @@ use crate::block_decoder::BlockDecoder;
 use crate::canon_executor::WorkOffset;
 use crate::check_finding::CheckFinding;
 use crate::job;
-use crate::limit_check::LimitCheck;
+use crate::limit_check::{LimitCheck, has_unknown};
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::planned_path::{PathRecorder, PlannedPath};
-use crate::soft_limits::LimitFinding;
+use crate::probe_move::ProbeOutcome;
+use crate::question::InputQuestion;
 
 /// Least and greatest of the observed values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +108,11 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     spindle_is_on: bool,
     /// Whether nothing has moved since a cutter was switched on: a dwell is its pierce.
     is_piercing: bool,
+    /// Whether moves are left out of the times: those that depend on answers of the machine. The times are the least
+    /// ones then.
+    pub is_time_partial: bool,
+    /// Whether the program makes the following moves whatever the machine answers.
+    is_certain: bool,
     planner: Planner<A>,
     /// Recorder of the path, where the path is wanted.
     path: Option<PathRecorder>,
@@ -144,6 +151,8 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             tool: 0,
             spindle_is_on: false,
             is_piercing: false,
+            is_time_partial: false,
+            is_certain: true,
             planner,
             path: None,
         })
@@ -167,6 +176,28 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     fn rest(&mut self) {
         self.planner.stop(Flags::NONE);
         self.count();
+    }
+
+    /// Whether a move to `end_mm` can be planned: it is made for certain, and its ends and its feed are known. The plan
+    /// continues at rest behind moves that cannot.
+    fn begin_move(&mut self, end_mm: &[f64; A], feed: FeedRate) -> bool {
+        let is_feed_unknown = matches!(feed, FeedRate::PerSecond(rate) if rate.is_nan());
+        let at = *self.scan.position_mm();
+        if !self.is_certain || is_feed_unknown || has_unknown(end_mm) || has_unknown(&at) {
+            self.rest();
+            self.is_time_partial = true;
+            return false;
+        }
+        let commanded = self.planner.commanded_mm();
+        if commanded != at {
+            self.rest();
+            let mut pulses = [0; A];
+            for (index, axis) in self.scan.machine().axes.iter().enumerate().take(A) {
+                pulses[index] = axis.pulses_of(at[index]) - axis.pulses_of(commanded[index]);
+            }
+            self.planner.displace(pulses);
+        }
+        true
     }
 
     fn record_move(&mut self, feed: FeedRate, length_mm: f64, line: u32) {
@@ -247,6 +278,10 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     /// Assigns the moves since the last call to this offset.
     fn assign_offset(&mut self, offset: WorkOffset) {
         let Some(moved) = self.scan.take_last() else { return };
+        // Extents in unknown coordinates are unknown.
+        if offset.rotation_deg.is_nan() || offset.origin_mm.0.iter().any(|mm| mm.is_nan()) {
+            return;
+        }
         let known = self.work.iter().position(|work| work.offset == offset);
         let index = known.unwrap_or(self.work.len().min(MAX_OFFSETS - 1));
         if index == self.work.len() {
@@ -255,7 +290,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         let work = &mut self.work[index];
         let Some(origin) = work.offset.translation::<A>(self.scan.machine()) else { return };
         let extents = work.extents_mm.get_or_insert([[f64::INFINITY, f64::NEG_INFINITY]; A]);
-        for ((extent, range), origin) in extents.iter_mut().zip(moved).zip(origin) {
+        for ((extent, range), origin) in
+            extents.iter_mut().zip(moved).zip(origin).filter(|((_, moved), _)| !moved[0].is_nan())
+        {
             *extent = [extent[0].min(range[0] - origin), extent[1].max(range[1] - origin)];
         }
     }
@@ -263,6 +300,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
 
 impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        if !self.begin_move(&end_mm, feed) {
+            return self.scan.straight(end_mm, feed, mode, line);
+        }
         let length_mm = self.scan.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
         self.planner.line(end_mm, feed, mode, line)?;
         self.scan.straight(end_mm, feed, mode, line)?;
@@ -271,6 +311,10 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     }
 
     fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        let centre_is_known = arc.centre_mm.iter().all(|mm| !mm.is_nan());
+        if !self.begin_move(&arc.end_mm, feed) || !centre_is_known {
+            return self.scan.arc(arc, feed, mode, line);
+        }
         self.planner.arc(arc, feed, mode, line)?;
         let length_mm = self.scan.arc_mm(arc);
         self.scan.arc(arc, feed, mode, line)?;
@@ -309,6 +353,41 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         self.layer.0 = sheet.map_or(at, |sheet| sheet + height);
     }
 
+    /// The touch ends it at an unknown time.
+    fn probe(
+        &mut self,
+        end_mm: [f64; A],
+        feed_mm_s: f64,
+        _: Probing,
+        line: u32,
+    ) -> Result<Option<ProbeOutcome<A>>, PlanWriteError> {
+        self.rest();
+        self.is_time_partial = true;
+        self.scan.straight(end_mm, FeedRate::PerSecond(feed_mm_s), PathMode::ExactStop, line)?;
+        Ok(None)
+    }
+
+    fn read_input(&mut self, question: InputQuestion, _: u32) -> Result<Option<i32>, PlanWriteError> {
+        self.rest();
+        self.is_time_partial |= question.timeout_periods > 0;
+        Ok(None)
+    }
+
+    fn unknown_motion(&mut self, end_mm: [f64; A], line: u32) {
+        self.rest();
+        self.is_time_partial = true;
+        self.scan.unknown_motion(end_mm, line);
+    }
+
+    fn set_position(&mut self, at_mm: [f64; A]) {
+        self.rest();
+        self.scan.set_position(at_mm);
+    }
+
+    fn set_certain(&mut self, is_certain: bool) {
+        self.is_certain = is_certain;
+    }
+
     fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
         Ok(())
     }
@@ -330,7 +409,7 @@ impl<const A: usize> ProgramAnalysis<'_, A> {
     #[must_use]
     pub fn travel_left(&self) -> Vec<TravelLeft> {
         let Some(extents) = self.scan.extents_mm else { return Vec::new() };
-        let axes = self.scan.machine().axes.iter().zip(extents);
+        let axes = self.scan.machine().axes.iter().zip(extents).filter(|(_, extents)| !extents[0].is_nan());
         axes.map(|(axis, extents_mm)| TravelLeft {
             axis: axis.name,
             extents_mm,
@@ -390,7 +469,7 @@ fn analyse<'m, const A: usize>(
         }
     });
     survey.rest();
-    findings.extend(survey.scan.beyond.iter().map(LimitFinding::finding));
+    findings.extend_from_slice(survey.scan.beyond.findings());
     findings.extend(survey.scan.warnings());
     findings.sort_by_key(|finding| finding.line);
     Ok((blocks, findings, survey))

@@ -58,6 +58,7 @@ impl LimitFinding {
             number: Self::NUMBER,
             cause: self.what(),
             remedy: Self::REMEDY.into(),
+            more_rounds: 0,
         }
     }
 }

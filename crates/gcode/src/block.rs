@@ -43,6 +43,8 @@ pub(crate) struct Words {
     m: [u8; 16],
     m_at: [ByteRange; 16],
     m_count: u8,
+    /// Whether it has a G or M code whose number is unknown.
+    pub(crate) has_unknown_code: bool,
 }
 
 impl Default for Words {
@@ -58,6 +60,7 @@ impl Default for Words {
             m: [0; 16],
             m_at: [(0, 0); 16],
             m_count: 0,
+            has_unknown_code: false,
         }
     }
 }
@@ -87,6 +90,7 @@ pub(crate) const fn letters(of: &[u8]) -> u32 {
 impl Words {
     pub(crate) fn clear(&mut self) {
         (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
+        self.has_unknown_code = false;
     }
 
     /// Whether the block has a word of this lower-case letter.
@@ -171,6 +175,7 @@ impl Words {
         }
         let value = match letter {
             b'f' | b's' if value < 0.0 => return negative(letter, value, at),
+            _ if value.is_nan() => value,
             b'$' => f64::from(to_whole_number(value, at, "$")?),
             b'h' | b't' | b'l' => {
                 let rounded = f64::from(to_whole_number(value, at, "the word")?);
@@ -189,6 +194,29 @@ impl Words {
     pub(crate) fn put(&mut self, letter: u8, value: f64) {
         self.present |= 1 << index(letter);
         (self.value[index(letter)], self.at[index(letter)]) = (value, (0, 0));
+    }
+
+    /// Whether any of these words is present with an unknown value.
+    pub(crate) fn has_unknown(&self, letters: &[u8]) -> bool {
+        letters.iter().any(|&letter| self.get(letter).is_some_and(f64::is_nan))
+    }
+
+    /// Whether a code, or the value of a word, is unknown.
+    pub(crate) fn is_partly_unknown(&self) -> bool {
+        let mut present = self.present;
+        let mut is_unknown = self.has_unknown_code;
+        while present != 0 {
+            is_unknown |= self.value[present.trailing_zeros() as usize % LETTERS].is_nan();
+            present &= present - 1;
+        }
+        is_unknown
+    }
+
+    /// Makes the values of these words unknown, where they are present.
+    pub(crate) fn forget(&mut self, letters: &[u8]) {
+        for &letter in letters {
+            self.value[index(letter)] = f64::NAN;
+        }
     }
 
     /// Removes a word.
@@ -360,6 +388,8 @@ pub(crate) struct DeferredValue {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Assignment {
     Numbered(usize, f64),
+    /// To a numbered parameter whose number is unknown.
+    AnyNumbered(Span),
     Named(NameId, f64),
     /// Value of the next argument of an O word.
     Argument(f64),
@@ -435,8 +465,10 @@ impl NcBlock {
             let at = span(deferred.at);
             match deferred.slot {
                 Slot::Word(letter) => words.fill(letter, value, at)?,
+                Slot::G | Slot::M if value.is_nan() => words.has_unknown_code = true,
                 Slot::G => words.add_g(value, at)?,
                 Slot::M => words.add_m(value, at)?,
+                Slot::Numbered if below.is_nan() => assignments.push(Assignment::AnyNumbered(at)),
                 Slot::Numbered => assignments.push(Assignment::Numbered(assignable(below, at)?, value)),
                 Slot::Named(name) => assignments.push(Assignment::Named(name, value)),
                 Slot::Argument => assignments.push(Assignment::Argument(value)),

@@ -64,6 +64,37 @@ pub struct ArcFeed {
     pub turns: i32,
 }
 
+/// State in which a check follows another branch, or the joined path behind the branches (PRB-18). Unknown values are
+/// NaN.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BranchStart {
+    /// Whether the program comes here whatever the machine answers.
+    pub is_certain: bool,
+    /// State behind another line than the last one; `None` where the path continues behind it.
+    pub state: Option<BranchState>,
+}
+
+/// State that canonical functions before a branch have set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BranchState {
+    /// Unit of what follows.
+    pub units: LengthUnit,
+    /// Coordinate system in force, 1 … 9.
+    pub system: u8,
+    /// Origin of the coordinate system.
+    pub origin: Pose,
+    /// Rotation of the coordinate system, in degrees.
+    pub rotation_degrees: f64,
+    /// Offset of G52 and G92.
+    pub g92_offset: Pose,
+    /// Tool length offset.
+    pub tool_offset: Pose,
+    /// Position in program coordinates.
+    pub position: Pose,
+    /// Feed rate in units per minute.
+    pub feed_rate: f64,
+}
+
 /// One canonical function.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs)] // the names are the definition; arguments that need an explanation have one
@@ -90,6 +121,10 @@ pub enum Canon {
     ArcFeed(ArcFeed),
     /// Moves along a spline in the plane of X and Y; the other axes stay.
     NurbsFeed(Nurbs),
+    /// A motion whose way is not known, to this end. In a check only; an unknown coordinate is a NaN.
+    UnknownMotion(Pose),
+    /// The path behind a branch on an unknown value. In a check only.
+    FollowBranch(Box<BranchStart>),
     TurnProbeOn,
     /// Moves towards the end until the probe responds as the kind of probing requires (G38.2 … G38.5).
     StraightProbe(Pose, Probing),
@@ -250,6 +285,7 @@ impl Canon {
                 | Canon::StraightFeed(_)
                 | Canon::ArcFeed(_)
                 | Canon::NurbsFeed(_)
+                | Canon::UnknownMotion(_)
                 | Canon::StraightProbe(..)
                 | Canon::RigidTap(_)
                 | Canon::Dwell(_)

@@ -130,6 +130,7 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::StraightTraverse(end) => pose(out, "STRAIGHT_TRAVERSE", end),
         Canon::StraightFeed(end) => pose(out, "STRAIGHT_FEED", end),
         Canon::ArcFeed(feed) => arc(out, feed),
+        Canon::UnknownMotion(_) | Canon::FollowBranch(_) => Ok(()),
         Canon::NurbsFeed(spline) => write!(out, "NURBS_FEED({}, ...)", spline.points.len()),
         Canon::StraightProbe(end, _) => pose(out, "STRAIGHT_PROBE", end),
         Canon::SelectPlane(Plane::Xy) => write!(out, "SELECT_PLANE(CANON_PLANE_XY)"),

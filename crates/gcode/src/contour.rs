@@ -104,7 +104,9 @@ impl ContourReader<'_> {
                     contour.apply_steps(&steps, scratch, true)?;
                 }
                 LineOutcome::Jumped => {}
-                LineOutcome::Faulty | LineOutcome::Ahead(..) => return Err(wrong("one of its blocks is refused")),
+                LineOutcome::Faulty | LineOutcome::Ahead(..) | LineOutcome::PathEnd => {
+                    return Err(wrong("one of its blocks is refused"));
+                }
                 LineOutcome::Cycle(_) => return Err(refused(&StockRemovalError::Interpolation(scratch.line_number()))),
                 LineOutcome::Idle | LineOutcome::ProgramEnd => return Ok(()),
             }
@@ -165,7 +167,7 @@ fn subprogram_steps(mut flow: FlowController, scratch: &mut Interpreter) -> Bloc
                 scratch.execute_block(&mut steps)?;
             }
             LineOutcome::Jumped => {}
-            LineOutcome::Faulty | LineOutcome::Cycle(_) | LineOutcome::Ahead(..) => break,
+            LineOutcome::Faulty | LineOutcome::Cycle(_) | LineOutcome::Ahead(..) | LineOutcome::PathEnd => break,
             LineOutcome::Idle | LineOutcome::ProgramEnd => return Ok(Some(steps)),
         }
     }
@@ -237,6 +239,7 @@ impl Contour {
                 Canon::StartSpeedFeedSynch { .. }
                 | Canon::RigidTap(_)
                 | Canon::NurbsFeed(_)
+                | Canon::UnknownMotion(_)
                 | Canon::StraightProbe(..) => return Err(refused(&StockRemovalError::Interpolation(line))),
                 // M, S and F are ignored.
                 _ => {}

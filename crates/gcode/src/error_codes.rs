@@ -495,6 +495,12 @@ retrace_cycles::error_codes! {
         "The comment declares a material, and no cutter of the machine has a material table, so that it is a plain \
         comment. Materials, M190 and pierce delays belong to a cutter of kind \"torch\", \"jet\" or \"beam\"."
         "Name a table with materials = \"materials.toml\" in the [[cutter]] table.";
+    UnknownEffect "W1011" "effect unknown to a check"
+        "The number of a code, a parameter, a tool, a subprogram or a line depends on an answer of the machine (G38, \
+        M66), so that a check does not know what the block does. It continues with what may have changed unknown; it \
+        does not follow a GOTO to an unknown line."
+        "Nothing; what follows is checked when it is planned. To have it checked before, write IF blocks with constant \
+        numbers.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed"
         "M3 or M4 is executed while the spindle speed is zero."
         "Give an S word first.";

@@ -1,6 +1,7 @@
 //! Evaluation of compiled expressions on a fixed stack.
 //!
-//! Invariant: it allocates nothing, and every result is a finite number or an error. The compiler bounds the depth.
+//! Invariant: it allocates nothing, and every result is a finite number, unknown or an error; from known values it is
+//! never unknown. The compiler bounds the depth.
 
 use crate::angle;
 use crate::diag::{BlockResult, Span, fault};
@@ -8,6 +9,7 @@ use crate::error_codes::ErrorCode;
 use crate::expr::{Function, Op, OpKind, Operator, STACK};
 use crate::params::{NameId, Parameters};
 use crate::system::SystemParameter;
+use crate::unknown::{UNKNOWN, has_unknown_existence};
 
 /// Values closer than this are equal to EQ, NE, LE and GE, as in LinuxCNC 2.9.9. GT and LT compare exactly.
 pub(crate) const EQUAL: f64 = 1e-6;
@@ -33,7 +35,7 @@ pub(crate) trait Environment {
 
 /// Executes the operations. The last value is the result; the value below it, if any, is returned first.
 pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResult<(f64, f64)> {
-    let mut stack = [0.0; STACK + 3];
+    let mut stack = [0.0_f64; STACK + 3];
     let mut top = 1;
     for op in ops {
         let value = match op.kind {
@@ -41,10 +43,12 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
                 top += 1;
                 value
             }
+            OpKind::Numbered if stack[top].is_nan() => UNKNOWN,
             OpKind::Numbered => numbered(stack[top], *op, environment)?,
             OpKind::Named(name) => {
                 top += 1;
                 match environment.named(name) {
+                    Some(value) if value.is_nan() => UNKNOWN,
                     Some(value) => value,
                     None => {
                         let near = environment.nearest_name(name);
@@ -63,15 +67,22 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
                 environment.system(parameter)
             }
             OpKind::ExistsNumbered => {
+                if stack[top].is_nan() {
+                    continue;
+                }
                 let number = to_whole_number(stack[top], op.span(), "#")?;
                 let exists = usize::try_from(number).is_ok_and(Parameters::has);
                 f64::from(u8::from(exists))
             }
             OpKind::Exists(name) => {
                 top += 1;
-                f64::from(u8::from(environment.named(name).is_some()))
+                match environment.named(name) {
+                    Some(value) if has_unknown_existence(value) => UNKNOWN,
+                    value => f64::from(u8::from(value.is_some())),
+                }
             }
             OpKind::Negate => -stack[top],
+            OpKind::Function(_) if stack[top].is_nan() => UNKNOWN,
             OpKind::Function(function) => apply(function, stack[top], *op)?,
             OpKind::Atan => {
                 top -= 1;
@@ -82,8 +93,9 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
                 combine(operator, stack[top], stack[top + 1], *op)?
             }
         };
-        if !value.is_finite() {
-            return fault(ErrorCode::NotFinite, op.span(), ErrorCode::NotFinite.title());
+        // Known values give a NaN nowhere but in an operation that has noticed it itself.
+        if value.is_infinite() {
+            return not_finite(*op);
         }
         stack[top] = value;
     }
@@ -143,7 +155,32 @@ fn apply(function: Function, x: f64, op: Op) -> BlockResult<f64> {
     })
 }
 
+/// Applies an operator to known values, or to values of which one is unknown. The result is finite, infinite or
+/// unknown.
 fn combine(operator: Operator, left: f64, right: f64, op: Op) -> BlockResult<f64> {
+    if !left.is_nan() && !right.is_nan() {
+        let result = combine_known(operator, left, right, op)?;
+        return if result.is_nan() { not_finite(op) } else { Ok(result) };
+    }
+    Ok(match operator {
+        // One side decides alone.
+        Operator::And if left == 0.0 || right == 0.0 => 0.0,
+        Operator::Or if is_true(left) || is_true(right) => 1.0,
+        Operator::Divide | Operator::Modulo if right == 0.0 => return combine_known(operator, 0.0, right, op),
+        _ => UNKNOWN,
+    })
+}
+
+/// Whether a value is known and not 0.
+fn is_true(value: f64) -> bool {
+    !value.is_nan() && value != 0.0
+}
+
+fn not_finite<T>(op: Op) -> BlockResult<T> {
+    fault(ErrorCode::NotFinite, op.span(), ErrorCode::NotFinite.title())
+}
+
+fn combine_known(operator: Operator, left: f64, right: f64, op: Op) -> BlockResult<f64> {
     let truth = |condition: bool| f64::from(u8::from(condition));
     let near = (left - right).abs() < EQUAL;
     Ok(match operator {

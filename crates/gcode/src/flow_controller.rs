@@ -13,6 +13,7 @@ use crate::interp::Interpreter;
 use crate::line_numbers::GotoError;
 use crate::loop_stack::LoopStack;
 use crate::params::Frame;
+use crate::path_explorer::{PathExplorer, RETURN};
 use crate::program_location::{CallFrame, LoopKind};
 use crate::subs::{Sub, Subs, wrong_call};
 use std::sync::Arc;
@@ -22,7 +23,7 @@ const MAX_CALLS: usize = 9;
 
 /// State of the caller that a call saves.
 #[derive(Debug)]
-struct OpenCall {
+pub(crate) struct OpenCall {
     sub: Sub,
     /// Local parameters of the caller.
     frame: Frame,
@@ -33,16 +34,16 @@ struct OpenCall {
 
 /// A region of compiled lines being executed.
 #[derive(Debug)]
-struct CallLevel {
-    code: Arc<CompiledCode>,
+pub(crate) struct CallLevel {
+    pub(crate) code: Arc<CompiledCode>,
     /// Next line.
-    next: u32,
+    pub(crate) next: u32,
     /// Line after the region.
     end: u32,
     /// Number of loops that were open before.
-    loops: usize,
+    pub(crate) loops: usize,
     /// State of its call; `None` for a region of the program itself.
-    call: Option<OpenCall>,
+    pub(crate) call: Option<OpenCall>,
 }
 
 /// Result of a compiled line.
@@ -60,6 +61,8 @@ pub(crate) enum LineOutcome {
     Idle,
     /// M99 in the program itself ends the program.
     ProgramEnd,
+    /// It is unknown what follows on this path.
+    PathEnd,
     /// A streamed program continues at the next line with this number; span of the GOTO.
     Ahead(u64, Span),
 }
@@ -67,12 +70,18 @@ pub(crate) enum LineOutcome {
 /// Open regions, and the known subprograms.
 #[derive(Debug, Default)]
 pub(crate) struct FlowController {
-    levels: Vec<CallLevel>,
+    pub(crate) levels: Vec<CallLevel>,
     /// Open loops, with their iterations.
-    loops: LoopStack,
+    pub(crate) loops: LoopStack,
     /// Whether a condition was false and the next line reached decides.
-    is_undecided: bool,
-    calls: usize,
+    pub(crate) is_undecided: bool,
+    pub(crate) calls: usize,
+    /// The other paths behind branches on unknown values; `None` where no value is unknown, as in a run.
+    pub(crate) explorer: Option<Box<PathExplorer>>,
+    /// Number of levels and line before the line executed last.
+    pub(crate) executed: (usize, u32),
+    /// Whether M98 repeats the subprogram that has just ended.
+    pub(crate) repeats_call: bool,
     /// Compiled lines by file.
     pub(crate) codes: Vec<Arc<CompiledCode>>,
     pub(crate) subs: Subs,
@@ -134,8 +143,14 @@ impl FlowController {
         interpreter: &mut Interpreter,
         steps: &mut Vec<CanonStep>,
     ) -> BlockResult<LineOutcome> {
+        let depth = self.levels.len();
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         let line = level.next;
+        self.executed = (depth, line);
+        if line == RETURN {
+            let value = interpreter.state().returned_value;
+            return self.leave_with(value, interpreter, steps);
+        }
         if line >= level.end {
             self.loops.truncate(level.loops);
             self.levels.pop();
@@ -165,16 +180,24 @@ impl FlowController {
             Jump::Faulty => return Ok(LineOutcome::Faulty),
             Jump::Pass => {}
             Jump::Over { to } => level.next = to,
-            Jump::Call { call } => return self.call(call, interpreter),
+            Jump::Call { call } => return self.call(call, interpreter, steps),
             Jump::If { otherwise } => {
-                if interpreter.control_value()? == 0.0 {
+                let condition = interpreter.control_value()?;
+                if condition.is_nan() {
+                    self.fork(otherwise, true, interpreter, steps);
+                } else if condition == 0.0 {
                     (level.next, self.is_undecided) = (otherwise, true);
                 }
             }
             Jump::ElseIf { otherwise, end } => {
                 if !undecided {
                     level.next = end;
-                } else if interpreter.control_value()? == 0.0 {
+                    return Ok(LineOutcome::Jumped);
+                }
+                let condition = interpreter.control_value()?;
+                if condition.is_nan() {
+                    self.fork(otherwise, true, interpreter, steps);
+                } else if condition == 0.0 {
                     (level.next, self.is_undecided) = (otherwise, true);
                 }
             }
@@ -184,19 +207,48 @@ impl FlowController {
                 }
             }
             Jump::While { end } => {
-                let goes_on = interpreter.control_value()? != 0.0;
+                let condition = interpreter.control_value()?;
+                let below = level.loops;
+                self.with_explorer(|explorer, depth| {
+                    if explorer.entered.take() != Some((depth, line)) {
+                        explorer.begin_loop(depth, line);
+                    }
+                });
+                if condition.is_nan() {
+                    self.fork(end, false, interpreter, steps);
+                    self.begin_joined_loop(line, interpreter);
+                    self.loops.decide(LoopKind::While, line..end, below, true);
+                    return Ok(LineOutcome::Jumped);
+                }
+                let goes_on = condition != 0.0;
+                let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
                 if !self.loops.decide(LoopKind::While, line..end, level.loops, goes_on) {
                     level.next = end;
                 }
             }
             Jump::WhileOfDo { begin } => {
-                let goes_on = interpreter.control_value()? != 0.0;
+                let condition = interpreter.control_value()?;
+                if condition.is_nan() {
+                    self.fork(line + 1, false, interpreter, steps);
+                    self.with_explorer(|explorer, depth| explorer.set_unknown(depth, begin - 1));
+                }
+                let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
+                let goes_on = condition != 0.0;
                 if self.loops.decide(LoopKind::Do, begin..line + 1, level.loops, goes_on) {
                     level.next = begin;
                 }
             }
             Jump::Repeat { end } => {
-                let rounds = interpreter.control_value()?.round() as i64;
+                let rounds = interpreter.control_value()?.round();
+                self.with_explorer(|explorer, depth| explorer.begin_loop(depth, line));
+                if rounds.is_nan() {
+                    self.fork(end, false, interpreter, steps);
+                    self.loops.begin_repeat(line..end, u64::MAX);
+                    self.begin_joined_loop(line, interpreter);
+                    return Ok(LineOutcome::Jumped);
+                }
+                let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
+                let rounds = rounds as i64;
                 if rounds < 1 {
                     level.next = end;
                 } else {
@@ -204,11 +256,24 @@ impl FlowController {
                 }
             }
             Jump::EndRepeat { begin } => {
+                if self.is_joined_loop(begin - 1) {
+                    self.fork(line + 1, false, interpreter, steps);
+                    if let Some(level) = self.levels.last_mut() {
+                        level.next = begin;
+                    }
+                    return Ok(LineOutcome::Jumped);
+                }
+                let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
                 if self.loops.end_iteration(line + 1, level.loops) {
                     level.next = begin;
                 }
             }
             Jump::Leave { to } => {
+                // A continue goes to the end of its loop, so that all paths of the round meet before the next.
+                let to = match level.code.jump(to) {
+                    Some(Jump::While { end }) if self.explorer.is_some() && to < line && line + 1 < end => end - 1,
+                    _ => to,
+                };
                 self.loops.leave(to, level.loops);
                 level.next = to;
             }
@@ -225,19 +290,42 @@ impl FlowController {
             }
             Jump::ModalEnd => interpreter.end_modal(),
             Jump::IfThen => {
-                return Ok(if interpreter.condition()? == 0.0 { LineOutcome::Jumped } else { LineOutcome::Block });
+                let condition = interpreter.condition()?;
+                if condition.is_nan() {
+                    self.fork(line + 1, false, interpreter, steps);
+                }
+                return Ok(if condition == 0.0 { LineOutcome::Jumped } else { LineOutcome::Block });
             }
-            Jump::GoTo { is_conditional: true, .. } if interpreter.condition()? == 0.0 => {}
-            Jump::GoTo { to, .. } => return self.go_to(to, line, interpreter),
+            Jump::GoTo { to, is_conditional } => {
+                let condition = if is_conditional { interpreter.condition()? } else { 1.0 };
+                if condition == 0.0 {
+                    return Ok(LineOutcome::Jumped);
+                }
+                if condition.is_nan() {
+                    self.fork(line + 1, false, interpreter, steps);
+                }
+                return self.go_to(to, line, condition.is_nan(), interpreter, steps);
+            }
         }
         Ok(LineOutcome::Jumped)
     }
 
     /// Jumps to another line of the level: to `to`, or to the line number that is the block's last value.
-    fn go_to(&mut self, to: u32, from: u32, interpreter: &mut Interpreter) -> BlockResult<LineOutcome> {
+    fn go_to(
+        &mut self,
+        to: u32,
+        from: u32,
+        is_unknown: bool,
+        interpreter: &mut Interpreter,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<LineOutcome> {
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         let to = if to == BY_NUMBER {
             let (value, at) = interpreter.last_value()?;
+            if value.is_nan() {
+                interpreter.forget_effects("the number of the line", at, steps);
+                return Ok(LineOutcome::PathEnd);
+            }
             let number = crate::eval::to_whole_number(value, at, "the number of a line")?;
             let line = match u64::try_from(number) {
                 Ok(number) => level.code.line_numbers.find(from, number),
@@ -258,14 +346,28 @@ impl FlowController {
         };
         self.loops.leave(to, level.loops);
         level.next = to;
+        if is_unknown && to <= from {
+            self.with_explorer(|explorer, depth| explorer.set_unknown(depth, to));
+        }
         Ok(LineOutcome::Jumped)
     }
 
-    fn call(&mut self, call: u32, interpreter: &mut Interpreter) -> BlockResult<LineOutcome> {
+    fn call(
+        &mut self,
+        call: u32,
+        interpreter: &mut Interpreter,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<LineOutcome> {
         let Some(level) = self.levels.last() else { return Ok(LineOutcome::Idle) };
         let code = Arc::clone(&level.code);
         let Some(site) = code.calls.get(call as usize) else { return Ok(LineOutcome::Idle) };
         let first = interpreter.control_value()?;
+        let is_counted = site.is_m98 && interpreter.argument(1).is_some_and(f64::is_nan);
+        if is_counted || site.label == Label::Calculated && first.is_nan() {
+            interpreter.forget_effects("the call", site.at, steps);
+            interpreter.forget_all();
+            return Ok(LineOutcome::Jumped);
+        }
         let id = match (site.sub, &site.label) {
             (Some(id), _) => id,
             (None, Label::Calculated) => self.calculated(&code, first, site.at)?,
@@ -333,6 +435,25 @@ impl FlowController {
     fn leave(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<CanonStep>) -> BlockResult<LineOutcome> {
         let value = interpreter.control_value()?;
         let value = interpreter.has_control_value().then_some(value);
+        if self.has_waiting() {
+            // The level is left once all its paths have come here.
+            interpreter.set_returned_value(value);
+            if let Some(level) = self.levels.last_mut() {
+                self.loops.truncate(level.loops);
+                level.next = RETURN;
+            }
+            return Ok(LineOutcome::Jumped);
+        }
+        self.leave_with(value, interpreter, steps)
+    }
+
+    /// Leaves the subprogram with its return value.
+    fn leave_with(
+        &mut self,
+        value: Option<f64>,
+        interpreter: &mut Interpreter,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<LineOutcome> {
         // Regions of the program itself are below all calls.
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         self.loops.truncate(level.loops);
@@ -342,6 +463,7 @@ impl FlowController {
         if call.rounds > 0 {
             call.rounds -= 1;
             call.frame = interpreter.enter_shared();
+            self.repeats_call = true;
             level.next = call.sub.entry;
             level.call = Some(call);
         } else {

@@ -20,7 +20,7 @@ struct OpenLoop {
 }
 
 /// All open loops, over all levels.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct LoopStack(Vec<OpenLoop>);
 
 impl LoopStack {

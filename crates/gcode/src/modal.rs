@@ -14,6 +14,7 @@ use crate::open_contour::OpenContour;
 use crate::pose::{Axis, Pose};
 use crate::saved_state::SavedState;
 use crate::spline::ControlPoint;
+use crate::unknown::UnknownModes;
 
 /// The whole modal state between two blocks.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,6 +106,8 @@ pub struct ModalState {
     pub control_points: Vec<ControlPoint>,
     /// States that M70 and M73 have saved, for each level of calls.
     pub(crate) saved_states: Vec<Option<SavedState>>,
+    /// Modes that a check does not know.
+    pub(crate) unknown: UnknownModes,
 }
 
 impl ModalState {
@@ -155,6 +158,7 @@ impl ModalState {
             spline_order: 0,
             control_points: Vec::new(),
             saved_states: Vec::new(),
+            unknown: UnknownModes::default(),
         }
     }
 

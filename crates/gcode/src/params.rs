@@ -7,6 +7,7 @@ use crate::diag::{BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::nearest::nearest;
 use crate::system::SystemParameter;
+use crate::unknown::{UNKNOWN, join, unknown_existence};
 use std::collections::HashMap;
 use std::fmt::Write as _;
 
@@ -214,6 +215,51 @@ pub struct Parameters {
     local: Vec<Option<f64>>,
     /// Empty frame of an earlier call, with its allocated memory.
     spare: Vec<Option<f64>>,
+    /// Changes of numbered parameters, in a check that follows both sides of a branch.
+    changes: Option<Box<ParameterChanges>>,
+}
+
+/// The numbered parameters that a program has assigned to, so that a copy of their values is small.
+#[derive(Clone, Debug, PartialEq)]
+struct ParameterChanges {
+    /// Values before the program.
+    before: Box<[f64]>,
+    /// Numbers in the order of their first assignment.
+    numbers: Vec<u16>,
+    is_changed: Box<[bool]>,
+}
+
+/// A copy of the values of all parameters but those of the callers.
+#[derive(Clone, Debug)]
+pub(crate) struct ParameterValues {
+    /// Values of the first changed parameters; the others have the value from before the program.
+    numbered: Vec<f64>,
+    global: Vec<Option<f64>>,
+    local: Vec<Option<f64>>,
+}
+
+impl ParameterValues {
+    /// Whether two copies have the same values to the bit.
+    pub(crate) fn is_same(&self, other: &ParameterValues) -> bool {
+        let bits = |value: &Option<f64>| value.map(f64::to_bits);
+        // A value that only one of them has was assigned behind the other copy.
+        self.numbered.len() == other.numbered.len()
+            && self.numbered.iter().map(|value| value.to_bits()).eq(other.numbered.iter().map(|value| value.to_bits()))
+            && self.global.iter().map(bits).eq(other.global.iter().map(bits))
+            && self.local.iter().map(bits).eq(other.local.iter().map(bits))
+    }
+}
+
+/// Joins named values; a missing one has no value.
+fn join_named(values: &mut Vec<Option<f64>>, others: &[Option<f64>]) {
+    values.resize(values.len().max(others.len()), None);
+    for (index, value) in values.iter_mut().enumerate() {
+        match (value, others.get(index).copied().flatten()) {
+            (Some(value), Some(other)) => join(value, other),
+            (None, None) => {}
+            (value, _) => *value = Some(unknown_existence()),
+        }
+    }
 }
 
 /// Parameters of a caller, saved during a call.
@@ -229,7 +275,7 @@ impl Default for Parameters {
         let mut numbered = vec![0.0; LAST + 1].into_boxed_slice();
         numbered[COORDINATE_SYSTEM] = 1.0;
         numbered[SHOW_DEBUG] = 1.0;
-        Parameters { numbered, global: Vec::new(), local: Vec::new(), spare: Vec::new() }
+        Parameters { numbered, global: Vec::new(), local: Vec::new(), spare: Vec::new(), changes: None }
     }
 }
 
@@ -244,6 +290,84 @@ impl Parameters {
     pub fn set(&mut self, number: usize, value: f64) {
         if let Some(place) = self.numbered.get_mut(number) {
             *place = value;
+            if let Some(changes) = &mut self.changes
+                && !std::mem::replace(&mut changes.is_changed[number], true)
+            {
+                changes.numbers.push(number as u16);
+            }
+        }
+    }
+
+    /// Begins to record which numbered parameters change, so that [`Self::values`] and [`Self::restore`] work.
+    pub(crate) fn record_changes(&mut self) {
+        let before = self.numbered.clone();
+        let is_changed = vec![false; before.len()].into_boxed_slice();
+        self.changes = Some(Box::new(ParameterChanges { before, numbers: Vec::new(), is_changed }));
+        // Calls replace these without an assignment.
+        for number in LOCAL {
+            self.set(number, self.get(number));
+        }
+    }
+
+    /// Returns a copy of the values.
+    pub(crate) fn values(&self) -> ParameterValues {
+        let numbers = self.changes.iter().flat_map(|changes| &changes.numbers);
+        let numbered = numbers.map(|&number| self.numbered[usize::from(number)]).collect();
+        ParameterValues { numbered, global: self.global.clone(), local: self.local.clone() }
+    }
+
+    /// Sets the values to those of a copy.
+    pub(crate) fn restore(&mut self, values: ParameterValues) {
+        if let Some(changes) = &self.changes {
+            for (index, &number) in changes.numbers.iter().enumerate() {
+                let number = usize::from(number);
+                self.numbered[number] = values.numbered.get(index).copied().unwrap_or(changes.before[number]);
+            }
+        }
+        (self.global, self.local) = (values.global, values.local);
+    }
+
+    /// Joins the values with those of another branch.
+    pub(crate) fn join(&mut self, values: &ParameterValues) {
+        if let Some(changes) = &self.changes {
+            for (index, &number) in changes.numbers.iter().enumerate() {
+                let number = usize::from(number);
+                let other = values.numbered.get(index).copied().unwrap_or(changes.before[number]);
+                join(&mut self.numbered[number], other);
+            }
+        }
+        join_named(&mut self.global, &values.global);
+        join_named(&mut self.local, &values.local);
+    }
+
+    /// Whether any value is unknown, but for the position of G30, which is no part of a contour.
+    pub(crate) fn has_unknown(&self) -> bool {
+        let is_unknown = |values: &[f64]| values.iter().any(|value| value.is_nan());
+        is_unknown(&self.numbered[..G30_HOME])
+            || is_unknown(&self.numbered[G30_HOME + 9..])
+            || self.global.iter().chain(&self.local).flatten().any(|value| value.is_nan())
+    }
+
+    /// Makes the numbered parameters from `first` on unknown.
+    pub(crate) fn forget_from(&mut self, first: usize) {
+        for number in first..=LAST {
+            self.set(number, UNKNOWN);
+        }
+    }
+
+    /// Makes all parameters unknown, named ones too.
+    pub(crate) fn forget_all(&mut self) {
+        self.forget_from(1);
+        for value in self.global.iter_mut().chain(&mut self.local) {
+            *value = Some(unknown_existence());
+        }
+    }
+
+    /// Makes the position of G30 unknown: no parameter file has it (PRB-17). That of G28 is the machine's zero until
+    /// G28.1 sets it.
+    pub fn forget_reference_point(&mut self) {
+        for number in G30_HOME..G30_HOME + 9 {
+            self.set(number, UNKNOWN);
         }
     }
 

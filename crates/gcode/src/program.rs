@@ -20,7 +20,7 @@ use crate::lines::{is_percent, unreadable};
 use crate::mdi_check::check_mdi;
 use crate::prescan::Prescan;
 use crate::program_location::ProgramLocation;
-use crate::setup::Setup;
+use crate::setup::{Answers, Setup};
 use crate::stream_compiler::StreamCompiler;
 use crate::text::Text;
 use retrace_cycles::Kind;
@@ -127,6 +127,7 @@ impl<R: BufRead> Program<R> {
     /// Creates a pre-scanned program before its first line. `setup` must be the one of the pre-scan.
     #[must_use]
     pub fn prescanned(prescan: Arc<Prescan>, setup: Setup) -> Program<R> {
+        let answers = setup.answers;
         let mut program = Program::over(Lines::of_text(prescan.text()), setup);
         *program.interpreter.reader_mut() = prescan.reader.clone();
         for diagnostic in prescan.diagnostics() {
@@ -136,6 +137,9 @@ impl<R: BufRead> Program<R> {
         program.flow.subs.clone_from(&prescan.subs);
         program.flow.is_prescanned = true;
         program.prescan = Some(prescan);
+        if answers == Answers::Unknown {
+            program.flow.explore();
+        }
         program
     }
 
@@ -158,6 +162,13 @@ impl<R: BufRead> Program<R> {
         let outcome = if self.flow.is_open() {
             let first = steps.len();
             let outcome = self.execute_compiled_line(steps);
+            if self.phase == Phase::Running && !self.flow.settle(&mut self.interpreter, steps) {
+                self.flow.end_path(&mut self.interpreter, steps);
+                return self.close(steps);
+            }
+            if self.flow.explorer.is_some() {
+                self.interpreter.set_path_certain(!self.flow.is_path_uncertain());
+            }
             if self.count_loop_block(steps.get(first..).unwrap_or_default()) {
                 self.interpreter.report(BlockError::plain(ErrorCode::EndlessProgram, Span::default()));
                 return self.close(steps);
@@ -168,6 +179,11 @@ impl<R: BufRead> Program<R> {
         };
         match outcome {
             Ok(progress) => progress,
+            // Where the machine's answer decides, an ABORT is how the program means to end, and no error of a check.
+            Err(fault) if fault.code == ErrorCode::Aborted && self.flow.is_path_uncertain() => {
+                let is_alive = self.flow.abort_path(&mut self.interpreter, steps);
+                if is_alive { Progress::Line } else { self.end_of_program(steps) }
+            }
             Err(fault) => {
                 self.interpreter.report(*fault);
                 if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::BlockError }
@@ -215,8 +231,9 @@ impl<R: BufRead> Program<R> {
         match self.flow.step(&mut self.interpreter, steps)? {
             LineOutcome::Block => match self.block(steps)? {
                 interp::ProgramFlow::Continue => Ok(Progress::Line),
-                interp::ProgramFlow::ProgramEnd => Ok(self.end_of_program(steps)),
+                interp::ProgramFlow::ProgramEnd => Ok(self.end_of_path(steps)),
             },
+            LineOutcome::PathEnd => Ok(self.end_of_path(steps)),
             LineOutcome::Cycle(call) => {
                 self.cycle(&call, steps)?;
                 Ok(Progress::Line)
@@ -254,7 +271,10 @@ impl<R: BufRead> Program<R> {
     /// Executes the block that was read. For a turning cycle, the subprogram with its profile is run before.
     #[inline]
     fn block(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<interp::ProgramFlow> {
-        if self.interpreter.is_turning() {
+        if self.interpreter.is_turning() && self.interpreter.is_state_unknown() {
+            // Its profile may depend on unknown values.
+            self.interpreter.forget_series();
+        } else if self.interpreter.is_turning() {
             self.draw_profile()?;
         }
         self.interpreter.execute_block(steps)
@@ -277,6 +297,10 @@ impl<R: BufRead> Program<R> {
             return self.interpreter.call_cycle(call, &interp::NoContours, steps);
         }
         let reader = (*reader).clone();
+        if self.interpreter.is_state_unknown() {
+            self.interpreter.move_unknown(steps);
+            return Ok(());
+        }
         let contours = ContourReader { flow: &self.flow, prescan: self.prescan.as_deref(), reader };
         self.interpreter.call_cycle(call, &contours, steps)
     }
@@ -316,7 +340,7 @@ impl<R: BufRead> Program<R> {
             LineRead::Deleted => Ok(Progress::Line),
             LineRead::Block => match self.block(steps)? {
                 interp::ProgramFlow::Continue => Ok(Progress::Line),
-                interp::ProgramFlow::ProgramEnd => Ok(self.end_of_program(steps)),
+                interp::ProgramFlow::ProgramEnd => Ok(self.end_of_path(steps)),
             },
             LineRead::Control(control) => self.control(control, steps),
         }
@@ -364,6 +388,11 @@ impl<R: BufRead> Program<R> {
         Ok(Progress::Line)
     }
 
+    /// Ends the program, or only the path of a check that is followed.
+    fn end_of_path(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
+        if self.flow.end_path(&mut self.interpreter, steps) { Progress::Line } else { self.end_of_program(steps) }
+    }
+
     fn end_of_program(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
         if self.percent && !self.find_closing_percent() {
             emit(steps, Canon::Note("interpreter: percent sign missing from end of file"));
@@ -374,7 +403,7 @@ impl<R: BufRead> Program<R> {
     /// Ends the program at an M99 in the program itself, as M2 does.
     fn end_by_m99(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         self.interpreter.end_program(steps)?;
-        Ok(self.end_of_program(steps))
+        Ok(self.end_of_path(steps))
     }
 
     /// Ends the program here and appends the canonical functions that follow any program.
@@ -528,47 +557,6 @@ impl<R: BufRead> Program<R> {
 
 fn emit(steps: &mut Vec<CanonStep>, canon: Canon) {
     steps.push(CanonStep { line: 0, number: None, canon });
-}
-
-/// Iterator over every canonical function of a program, in order. The diagnostics are complete at the end.
-#[derive(Debug)]
-pub struct Steps<R> {
-    program: Program<R>,
-    steps: Vec<CanonStep>,
-    next: usize,
-}
-
-impl<R: BufRead> IntoIterator for Program<R> {
-    type Item = CanonStep;
-    type IntoIter = Steps<R>;
-
-    fn into_iter(self) -> Steps<R> {
-        Steps { program: self, steps: Vec::new(), next: 0 }
-    }
-}
-
-impl<R> Steps<R> {
-    /// Returns the diagnostics so far.
-    #[must_use]
-    pub fn diagnostics(&self) -> &[Diagnostic] {
-        self.program.interpreter.diagnostics()
-    }
-}
-
-impl<R: BufRead> Iterator for Steps<R> {
-    type Item = CanonStep;
-
-    fn next(&mut self) -> Option<CanonStep> {
-        while self.next == self.steps.len() {
-            self.steps.clear();
-            self.next = 0;
-            if self.program.advance(&mut self.steps) == Progress::End && self.steps.is_empty() {
-                return None;
-            }
-        }
-        self.next += 1;
-        self.steps.get(self.next - 1).cloned()
-    }
 }
 
 /// Checks a whole program and returns everything that is wrong with it; nothing moves.

@@ -14,6 +14,17 @@ use crate::user_codes::UserCodes;
 use retrace_cycles::CycleLibrary;
 use std::sync::Arc;
 
+/// Where the answers of the machine come from that a program asks for: the results of G38 and M66.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Answers {
+    /// They are those of LinuxCNC's stand-alone interpreter: no contact, input off.
+    #[default]
+    Assumed,
+    /// They are unknown, and so is what depends on them; both sides of a branch on them are followed (PRB-17, PRB-18).
+    /// For the check of a program that was pre-scanned.
+    Unknown,
+}
+
 /// Configuration of an interpreter.
 #[derive(Clone, Debug)]
 pub struct Setup {
@@ -47,6 +58,8 @@ pub struct Setup {
     pub cutting: Option<Arc<CuttingSetup>>,
     /// What M3 starts on a machine without a material table.
     pub spindle_use: SpindleUse,
+    /// Where the answers of the machine come from.
+    pub answers: Answers,
     /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
     /// [`Setup::following`].
     pub snapshot: Option<Arc<ModalSnapshot>>,
@@ -71,6 +84,7 @@ impl Default for Setup {
             fixed_values: Vec::new(),
             cutting: None,
             spindle_use: SpindleUse::Unknown,
+            answers: Answers::Assumed,
             snapshot: None,
         }
     }

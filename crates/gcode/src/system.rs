@@ -8,6 +8,7 @@ use crate::cutting::HalValue;
 use crate::modal::ModalState;
 use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
 use crate::pose::Axis;
+use crate::unknown::UnknownModes;
 
 /// A predefined named parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,6 +114,33 @@ impl SystemParameter {
             "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
         })
+    }
+
+    /// Returns the mode that it shows.
+    pub(crate) const fn modes(self) -> UnknownModes {
+        use SystemParameter as P;
+        match self {
+            P::Position(_) | P::MachinePosition(_) | P::Fixed(_) | P::Line | P::CallLevel => UnknownModes::NONE,
+            P::MotionMode => UnknownModes::MOTION,
+            P::Plane => UnknownModes::PLANE,
+            P::Metric | P::Imperial => UnknownModes::UNITS,
+            P::Absolute | P::Incremental => UnknownModes::DISTANCE,
+            P::InverseTime | P::UnitsPerMinute | P::UnitsPerRevolution => UnknownModes::FEED_MODE,
+            P::ConstantTurns | P::ConstantSurfaceSpeed | P::SpindleOn | P::SpindleClockwise => UnknownModes::SPINDLE,
+            P::CoordinateSystem => UnknownModes::SYSTEM,
+            P::RetractToR | P::RetractToOldZ => UnknownModes::RETRACT,
+            P::ArcCentresAbsolute => UnknownModes::ARC_CENTRES,
+            P::Mist | P::Flood | P::SpeedOverride | P::FeedOverride | P::AdaptiveFeed | P::FeedHold => {
+                UnknownModes::SWITCHES
+            }
+            P::Feed | P::SpindleSpeed | P::ToolOffset => UnknownModes::NONE,
+            P::CurrentTool | P::CurrentPocket => UnknownModes::CURRENT_TOOL,
+            P::SelectedTool | P::SelectedPocket => UnknownModes::SELECTED_TOOL,
+            P::ReturnedValue | P::HasReturnedValue => UnknownModes::RETURNED,
+            P::Compensation => UnknownModes::COMPENSATION,
+            P::LatheDiameter | P::LatheRadius => UnknownModes::LATHE_DIAMETER,
+            P::Hal(_) => UnknownModes::CUTTING,
+        }
     }
 
     /// Returns the value in this state; `line` counts from 1.

@@ -7,8 +7,10 @@ use crate::diag::{Diagnostic, Span};
 use crate::error_codes::ErrorCode;
 use crate::number_range::LARGEST;
 use crate::pose::{Axis, Pose};
+use crate::unknown::{UNKNOWN, join};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::sync::Arc;
 
 /// One tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,7 +34,7 @@ pub struct Tool {
 /// All tools of the machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolTable {
-    tools: Vec<Tool>,
+    tools: Arc<Vec<Tool>>,
     /// Names of the tools from the comments of the table, by number.
     names: BTreeMap<u32, Box<str>>,
 }
@@ -53,7 +55,7 @@ impl ToolTable {
         };
         ToolTable {
             names: BTreeMap::new(),
-            tools: vec![tool(1, 0.511, 0.125), tool(2, 0.1, 0.0625), tool(3, 1.273, 0.201)],
+            tools: Arc::new(vec![tool(1, 0.511, 0.125), tool(2, 0.1, 0.0625), tool(3, 1.273, 0.201)]),
         }
     }
 
@@ -68,9 +70,42 @@ impl ToolTable {
 
     /// Adds a tool; one of the same number is replaced.
     pub fn insert(&mut self, tool: Tool) {
-        match self.tools.iter_mut().find(|old| old.number == tool.number) {
+        let tools = Arc::make_mut(&mut self.tools);
+        match tools.iter_mut().find(|old| old.number == tool.number) {
             Some(old) => *old = tool,
-            None => self.tools.push(tool),
+            None => tools.push(tool),
+        }
+    }
+
+    /// Returns the data of the tools, to be restored or joined later.
+    pub(crate) fn data(&self) -> Arc<Vec<Tool>> {
+        Arc::clone(&self.tools)
+    }
+
+    /// Sets the data of the tools to those of another branch.
+    pub(crate) fn restore(&mut self, data: Arc<Vec<Tool>>) {
+        self.tools = data;
+    }
+
+    /// Joins the data of the tools with those of another branch. A program only changes tools of the table.
+    pub(crate) fn join(&mut self, data: &Arc<Vec<Tool>>) {
+        if Arc::ptr_eq(&self.tools, data) || self.tools == *data {
+            return;
+        }
+        for (tool, other) in Arc::make_mut(&mut self.tools).iter_mut().zip(data.iter()) {
+            tool.offset.0.iter_mut().zip(other.offset.0).for_each(|(value, other)| join(value, other));
+            join(&mut tool.diameter, other.diameter);
+            join(&mut tool.front_angle, other.front_angle);
+            join(&mut tool.back_angle, other.back_angle);
+            join(&mut tool.orientation, other.orientation);
+        }
+    }
+
+    /// Makes the data of all tools unknown.
+    pub(crate) fn forget(&mut self) {
+        for tool in Arc::make_mut(&mut self.tools) {
+            tool.offset = Pose([UNKNOWN; 9]);
+            (tool.diameter, tool.front_angle, tool.back_angle, tool.orientation) = (UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN);
         }
     }
 
@@ -109,7 +144,7 @@ impl ToolTable {
                 // Of several lines of one number the first counts, as in LinuxCNC.
                 Ok(tool) if table.tools.iter().any(|known| known.number == tool.number) => {}
                 Ok(tool) => {
-                    table.tools.push(tool);
+                    Arc::make_mut(&mut table.tools).push(tool);
                     if !comment.trim().is_empty() {
                         table.names.insert(tool.number, comment.trim().into());
                     }
@@ -133,7 +168,7 @@ impl ToolTable {
     #[must_use]
     pub fn write(&self) -> String {
         let mut text = String::new();
-        for tool in &self.tools {
+        for tool in self.tools.iter() {
             text += &format_words(tool);
             // Writing to a string cannot fail.
             let _ = match self.name(tool.number) {

@@ -194,6 +194,7 @@ fn what_a_loop_gives_again_and_again_is_told_once() {
     let result = bench.retrace(["check", "g.ngc"]);
     assert_eq!(result.code, Some(1));
     assert_eq!(result.err.matches("error[").count(), 1, "{}", result.err);
+    assert!(result.err.contains("does not declare, and in 149 more rounds\n"), "{}", result.err);
     assert!(!result.err.contains("W1001"), "{}", result.err);
 }
 

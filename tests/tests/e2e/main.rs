@@ -6,6 +6,7 @@ mod arc;
 mod beam_power;
 mod card;
 mod check;
+mod check_answers;
 mod check_contours;
 mod command;
 mod contours;

@@ -10,6 +10,7 @@ mod jet;
 mod probing;
 mod switching;
 mod tool_height;
+mod unknown_path;
 
 use std::sync::Arc;
 
@@ -164,6 +165,11 @@ impl<'m> CanonExecutor<'m> {
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
             Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
             Canon::StraightProbe(end, probing) => self.probe(end, *probing, line, sink),
+            Canon::UnknownMotion(end) => self.unknown_motion(end, line, sink),
+            Canon::FollowBranch(branch) => {
+                self.follow_branch(branch, sink);
+                Ok(())
+            }
             Canon::UseLengthUnits(unit) => self.change_state(|t| t.unit = *unit),
             Canon::SetG5xOffset { system, offset } => {
                 self.change_state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset)))

@@ -35,7 +35,7 @@ impl CanonExecutor<'_> {
             return Err(CanonError::ProbeTooFast { overtravel_mm, most_mm_min });
         }
         let Some(outcome) = sink.probe(own, feed_mm_s, probing, line)? else {
-            self.record_move_end(position, &really);
+            self.forget_probed(&position, sink);
             return Ok(());
         };
         let ProbeOutcome { touch_mm, rest_mm, touched } = outcome;

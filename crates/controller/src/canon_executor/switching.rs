@@ -47,6 +47,9 @@ impl<'m> CanonExecutor<'m> {
             Canon::FloodOn => self.switch("M8", channel::FLOOD, 1, line, sink),
             Canon::MistOff => self.switch("M9", channel::MIST, 0, line, sink),
             Canon::FloodOff => self.switch("M9", channel::FLOOD, 0, line, sink),
+            // unknown values of a check
+            Canon::SetSpindleSpeed(rpm) if rpm.is_nan() => Ok(()),
+            Canon::Dwell(seconds) if seconds.is_nan() => Ok(()),
             Canon::SetSpindleSpeed(rpm) => {
                 let thousandths = (rpm * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
                 self.set_speed("S", thousandths, line, sink)
@@ -148,6 +151,8 @@ impl<'m> CanonExecutor<'m> {
             | Canon::ArcFeed(_)
             | Canon::NurbsFeed(_)
             | Canon::StraightProbe(..)
+            | Canon::UnknownMotion(_)
+            | Canon::FollowBranch(_)
             | Canon::UseLengthUnits(_)
             | Canon::SetG5xOffset { .. }
             | Canon::SetG92Offset(_)

@@ -16,6 +16,7 @@ use crate::modal::ModalState;
 use crate::modal_groups::{ArcCentres, DistanceMode, SpindleRotation};
 use crate::pose::Axis;
 use crate::saved_state::SavedState;
+use crate::unknown::UnknownModes;
 
 /// Whether two values differ. A change of units and back changes the last digits.
 fn differs(saved: f64, now: f64) -> bool {
@@ -186,6 +187,10 @@ impl Core {
     /// Restores the state that M73 has saved for the end of this subprogram.
     pub(super) fn restore_on_return(&mut self, emit: &mut Emitter<'_>) -> BlockResult<()> {
         match self.state.saved_states.get(self.state.call_level as usize).copied().flatten() {
+            Some(_) if self.state.unknown.has(UnknownModes::SAVED) => {
+                self.state.forget_all();
+                Ok(())
+            }
             Some(saved) if saved.on_return && self.state.call_level > 0 => self.restore(&saved, emit),
             _ => Ok(()),
         }

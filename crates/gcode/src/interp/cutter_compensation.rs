@@ -50,6 +50,10 @@ impl Core {
             emit.call(Canon::Note("interpreter: cutter radius compensation off"));
             return Ok(());
         }
+        if self.is_cutter_unknown(words) {
+            self.state.forget_compensation();
+            return Ok(());
+        }
         if !matches!(self.state.plane, Plane::Xy | Plane::Zx) {
             return fault(ErrorCode::CompensationPlane, at, ErrorCode::CompensationPlane.title());
         }

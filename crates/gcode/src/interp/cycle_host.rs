@@ -138,6 +138,12 @@ impl SavedModes {
 }
 
 impl super::Interpreter {
+    /// Replaces the cycles that a program may call. Lines that have been compiled already call the new cycles at the
+    /// same indices.
+    pub fn set_cycles(&mut self, cycles: Option<Arc<CycleLibrary>>) {
+        self.reader.cycles = cycles;
+    }
+
     /// Runs the cycle of the line loaded last.
     pub(crate) fn call_cycle(
         &mut self,
@@ -146,6 +152,10 @@ impl super::Interpreter {
         steps: &mut Vec<CanonStep>,
     ) -> BlockResult<()> {
         self.control_value()?;
+        if self.is_cycle_unknown(self.arguments()) {
+            self.move_unknown(steps);
+            return Ok(());
+        }
         let mut cycles = self.cycles.take().unwrap_or_default();
         let mut values = std::mem::take(&mut cycles.values);
         values.clear();

@@ -20,6 +20,7 @@ use crate::pose::{Axis, Pose};
 use crate::system::SystemParameter;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
+use crate::unknown::{UNKNOWN, UnknownModes};
 use crate::user_codes::UserCodes;
 use std::sync::Arc;
 
@@ -37,6 +38,8 @@ pub(crate) struct Core {
     pub(crate) cutting: Option<Arc<CuttingSetup>>,
     /// What M3 starts where there is no [`CuttingSetup`].
     pub(crate) spindle_use: SpindleUse,
+    /// Whether answers of the machine are unknown, and what depends on them.
+    pub(super) follows_unknown: bool,
     /// Profile that the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
 }
@@ -144,7 +147,10 @@ pub(super) struct BlockEnvironment<'a> {
 impl Environment for BlockEnvironment<'_> {
     fn numbered(&self, number: usize) -> Option<f64> {
         let state = &self.core.state;
+        let unknown = state.unknown;
         match number {
+            5400 | 5410..=5413 if unknown.has(UnknownModes::CURRENT_TOOL) => Some(UNKNOWN),
+            5420..=5428 if unknown.has(UnknownModes::COMPENSATION) => Some(UNKNOWN),
             5021..=5029 => Some(state.machine_position().0[number - 5021]),
             5400 => Some(state.current_tool.into()),
             5401..=5409 => Some(state.tool_offset.0[number - 5401]),
@@ -176,6 +182,11 @@ impl Environment for BlockEnvironment<'_> {
 
     fn system(&self, parameter: SystemParameter) -> f64 {
         let state = &self.core.state;
+        let is_unknown = state.unknown.has(parameter.modes())
+            || parameter == SystemParameter::ToolOffset && state.tool_offset.0.iter().any(|value| value.is_nan());
+        if is_unknown {
+            return UNKNOWN;
+        }
         if let (SystemParameter::Hal(value), Some(setup)) = (parameter, &self.core.cutting) {
             return value.value(setup, &state.cutting, state.units);
         }

@@ -14,6 +14,7 @@ mod contours;
 mod cutter_compensation;
 mod cutting;
 mod cycle_host;
+mod diagnostics;
 mod execute;
 mod holes;
 mod interpreter_core;
@@ -29,6 +30,7 @@ mod stop;
 mod thread;
 mod tool_data;
 mod turning;
+mod unknown_block;
 mod unsupported;
 
 pub(crate) use self::contours::{Contours, NoContours};
@@ -42,7 +44,7 @@ use crate::compensation_queue::CompensationQueue;
 use crate::compiled_code::CompiledCode as CompiledLines;
 use crate::control::{Control, Keyword, MAX_ARGUMENTS};
 use crate::cutting::CuttingSetting;
-use crate::diag::{BlockError, BlockResult, Diagnostic, Severity, Span, fault};
+use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
 use crate::modal::ModalState;
@@ -51,10 +53,9 @@ use crate::modal_snapshot::ModalSnapshot;
 use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
 use crate::pose::Pose;
-use crate::setup::Setup;
+use crate::setup::{Answers, Setup};
 use crate::tool::ToolTable;
 use crate::turning::Profile;
-use retrace_cycles::CycleLibrary;
 use std::fmt;
 use std::sync::Arc;
 
@@ -108,9 +109,13 @@ pub struct Interpreter {
     step_line: u32,
     /// Whether it draws the profile of a turning cycle, in which U and W are increments of X and Z.
     draws_profile: bool,
+    /// Whether the program comes here whatever the machine answers; see [`Self::forget_effects`].
+    is_path_certain: bool,
     /// Whether Z words without effect have been reported.
     has_reported_z: bool,
     diagnostics: Vec<Diagnostic>,
+    /// Number of times that each of them was found again.
+    more_rounds: Vec<u32>,
     errors: usize,
     warnings: usize,
 }
@@ -127,6 +132,7 @@ impl Interpreter {
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
         let orient_offset_degrees = setup.orient_offset_degrees;
         let (cutting, spindle_use) = (setup.cutting, setup.spindle_use);
+        let follows_unknown = setup.answers == Answers::Unknown;
         let mut core = Core {
             machine_units,
             state,
@@ -136,8 +142,12 @@ impl Interpreter {
             orient_offset_degrees,
             cutting,
             spindle_use,
+            follows_unknown,
             profile: None,
         };
+        if follows_unknown {
+            core.parameters.record_changes();
+        }
         core.load_parameters(&setup.position);
         core.begin_cutting();
         Interpreter {
@@ -150,8 +160,10 @@ impl Interpreter {
             line: 0,
             step_line: 0,
             draws_profile: false,
+            is_path_certain: true,
             has_reported_z: false,
             diagnostics: Vec::new(),
+            more_rounds: Vec::new(),
             errors: 0,
             warnings: 0,
         }
@@ -209,12 +221,6 @@ impl Interpreter {
             }
             _ => fault(ErrorCode::BadControl, control.at, "an O word cannot be executed without the whole program"),
         }
-    }
-
-    /// Replaces the cycles that a program may call. Lines that have been compiled already call the new cycles at the
-    /// same indices.
-    pub fn set_cycles(&mut self, cycles: Option<Arc<CycleLibrary>>) {
-        self.reader.cycles = cycles;
     }
 
     /// Sets the current line.
@@ -337,6 +343,7 @@ impl Interpreter {
     pub(crate) fn execute_block(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         let is_constant = self.reader.block.is_constant();
+        let mut unknown_number = None;
         if !is_constant {
             self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
             for assignment in &self.assignments {
@@ -350,9 +357,16 @@ impl Interpreter {
                             self.core.set_cutting(setting, value);
                         }
                     }
+                    Assignment::AnyNumbered(at) => unknown_number = Some(at),
                     Assignment::Argument(_) => {}
                 }
             }
+            if let Some(at) = unknown_number {
+                self.forget_numbered(at);
+            }
+        }
+        if self.is_block_unknown() {
+            return self.execute_unknown_block(steps);
         }
         let given = if is_constant { &self.reader.block.words } else { &self.words };
         let is_diameter = given.has(b'x') && self.core.uses_diameters(given);
@@ -532,52 +546,6 @@ impl Interpreter {
     /// Returns the names of parameters.
     pub(crate) fn names(&self) -> &Names {
         &self.reader.names
-    }
-
-    /// Returns the diagnostics so far.
-    #[must_use]
-    pub fn diagnostics(&self) -> &[Diagnostic] {
-        &self.diagnostics
-    }
-
-    /// Returns the diagnostics since the last call.
-    pub fn take_diagnostics(&mut self) -> Vec<Diagnostic> {
-        std::mem::take(&mut self.diagnostics)
-    }
-
-    /// Whether the maximum number of errors is reached and checking stops.
-    #[must_use]
-    pub fn has_too_many_errors(&self) -> bool {
-        self.errors >= MAX_ERRORS
-    }
-
-    /// Records an error for the current line.
-    pub(crate) fn report(&mut self, fault: BlockError) {
-        let BlockError { code, span, message } = fault;
-        let diagnostic = Diagnostic { code, file: self.file, line: self.line, span, message };
-        self.record(diagnostic);
-    }
-
-    /// Records a diagnostic, unless it exists already: a loop executes the same line repeatedly.
-    pub(crate) fn record(&mut self, diagnostic: Diagnostic) {
-        let same = |known: &Diagnostic| {
-            (known.code, known.file, known.line) == (diagnostic.code, diagnostic.file, diagnostic.line)
-                && known.span == diagnostic.span
-        };
-        if self.diagnostics.iter().any(same) {
-            return;
-        }
-        let is_error = diagnostic.severity() == Severity::Error;
-        let count = if is_error { &mut self.errors } else { &mut self.warnings };
-        if *count >= MAX_ERRORS {
-            return;
-        }
-        *count += 1;
-        self.diagnostics.push(diagnostic);
-        if is_error && self.has_too_many_errors() {
-            let BlockError { code, span, message } = BlockError::plain(ErrorCode::TooManyErrors, Span::default());
-            self.diagnostics.push(Diagnostic { code, file: self.file, line: self.line, span, message });
-        }
     }
 }
 

@@ -14,6 +14,7 @@ use crate::groups::GroupG;
 use crate::modal_groups::{ArcCentres, DistanceMode};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
+use crate::unknown::{UNKNOWN, UnknownModes};
 
 impl Core {
     /// Executes G93, G94, G95.
@@ -136,6 +137,7 @@ impl Core {
     fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let old = self.state.tool_offset;
         let new = match code {
+            430 if self.state.unknown.has(UnknownModes::CURRENT_TOOL) && !words.has(b'h') => Pose([UNKNOWN; 9]),
             430 => {
                 let number = words.get(b'h').unwrap_or(self.state.current_tool.into());
                 self.lengths_to_program(&self.tool(number, words, b'h')?.offset)

@@ -11,6 +11,7 @@ use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::GroupM;
 use crate::params::INPUT;
+use crate::unknown::UNKNOWN;
 
 impl Core {
     /// Executes M62 … M68.
@@ -24,7 +25,7 @@ impl Core {
         }
     }
 
-    /// Executes M66. Without a machine, the result is 0, as in LinuxCNC's stand-alone interpreter.
+    /// Executes M66. Without a machine, the result is unknown, or 0 as in LinuxCNC's stand-alone interpreter.
     fn wait(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::Output);
         let input = match (words.has(b'p'), words.has(b'e')) {
@@ -61,7 +62,7 @@ impl Core {
             return Ok(());
         }
         emit.call(Canon::Wait(WaitForInput { input, wait_for, timeout: timeout.max(0.0) }));
-        self.parameters.set(INPUT, 0.0);
+        self.parameters.set(INPUT, if self.follows_unknown { UNKNOWN } else { 0.0 });
         Ok(())
     }
 

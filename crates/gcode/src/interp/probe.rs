@@ -1,8 +1,9 @@
 //! Probing: G38.2 to G38.5.
 //!
 //! Invariant: a probing move whose probe must trip has a length above zero; G38.3 and G38.5 without one ask for the
-//! probe's state. Without a machine, the assumed result is that of LinuxCNC's
-//! stand-alone interpreter: the end was reached without contact, and the tool retracted by a hundredth of an inch.
+//! probe's state. Without a machine, the result is unknown, or assumed to be that of
+//! LinuxCNC's stand-alone interpreter: the end was reached without contact, and the tool retracted by a hundredth of an
+//! inch.
 
 use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
@@ -33,6 +34,10 @@ impl Core {
         emit.call(Canon::StraightProbe(end, probing));
         emit.call(Canon::TurnProbeOff);
         self.state.motion = Some(MotionMode::Probe(probing));
+        if self.follows_unknown {
+            self.forget_probed(&start, &end);
+            return Ok(());
+        }
         for axis in Axis::ALL {
             self.parameters.set(PROBE_POSITION + axis as usize, end[axis]);
         }

@@ -28,4 +28,5 @@ mod plasma_samples;
 mod program_location;
 mod stock_golden;
 mod turning;
+mod unknown;
 mod writer;
