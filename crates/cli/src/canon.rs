@@ -33,8 +33,7 @@ pub fn run(args: &args::Canon) -> Result<(), CommandFailure> {
         if !source.interpreter().diagnostics().is_empty() {
             for diagnostic in source.interpreter_mut().take_diagnostics() {
                 is_refused |= diagnostic.severity() == Severity::Error;
-                let name = program.prescan().map_or(program.name(), |prescan| prescan.file_name(diagnostic.file));
-                eprintln!("{}", diagnostic.render(name, &source.text_of(&diagnostic)));
+                eprintln!("{}", source.render(&diagnostic, program.name()));
             }
         }
         if is_refused || progress == retrace_gcode::Progress::End {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use retrace_config::{NumberedError, nearest};
 use retrace_cycles::{Cycle, CycleLibrary, Folders, LibraryFinding, Origin, Severity, shipped_source};
+use retrace_gcode::probing_cycles;
 
 use crate::args::{self, CycleFolders, CyclesAction};
 use crate::command_failure::CommandFailure;
@@ -97,6 +98,10 @@ fn usual(base: Option<OsString>, home: Option<OsString>, in_home: &str) -> Optio
 
 fn show(folders: &NamedSource, name: &str) -> Result<(), CommandFailure> {
     let library = CycleLibrary::open(Folders { compiled: None, ..folders.folders() });
+    if let Some((_, text)) = probing_cycles().iter().find(|(known, _)| known.eq_ignore_ascii_case(name)) {
+        say!("{}", text.trim_end());
+        return Ok(());
+    }
     let Some(cycle) = library.find(name).and_then(|id| library.get(id)) else {
         let known: Vec<&str> = library.iter().map(|(_, cycle)| cycle.name()).collect();
         let remedy = match nearest(&name.to_ascii_uppercase(), known.iter().copied()) {
@@ -143,7 +148,9 @@ fn table(library: &CycleLibrary) -> String {
         text += row.trim_end();
         text.push('\n');
     }
-    text + "kinds: 1 no parameters · 2 parameters · 3 a contour among them"
+    let probing: Vec<&str> = probing_cycles().iter().map(|(name, _)| *name).collect();
+    text + "kinds: 1 no parameters · 2 parameters · 3 a contour among them\nprobing cycles, called as O<NAME> call: "
+        + &probing.join(", ")
 }
 
 /// Prints every finding with its source line and a mark, on standard error.

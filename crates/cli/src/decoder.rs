@@ -101,7 +101,7 @@ impl BlockDecoder for Decoder {
         let refused = || {
             let diagnostics = self.program.interpreter().diagnostics().iter();
             let mut errors = diagnostics.filter(|d| d.severity() == Severity::Error);
-            errors.next_back().map(|d| d.render(&self.name, &self.program.text_of(d)))
+            errors.next_back().map(|d| self.program.render(d, &self.name))
         };
         match progress {
             Progress::Line => DecodedBlock::Block,

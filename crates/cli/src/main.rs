@@ -45,6 +45,7 @@ mod manual;
 mod manual_inputs;
 mod materials;
 mod operate;
+mod probe;
 mod program;
 mod program_check;
 mod program_stream;
@@ -89,7 +90,8 @@ fn main() -> ExitCode {
         Command::Doctor(args) => doctor::run(&args).map(|()| 0),
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
-        Command::Mdi(args) => manual::mdi(&args),
+        Command::Mdi(args) => manual::mdi(&args.block, &args.options),
+        Command::Probe(cycle) => probe::run(&cycle),
         Command::Machine(args) => machine::run(&args),
         Command::Materials(args) => materials::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),

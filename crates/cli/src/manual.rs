@@ -49,11 +49,11 @@ pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
     on_machine(&args.manual, &machine, &ManualTask::Jog { axis: args.axis, mm: args.mm }, &mut modal_context)
 }
 
-/// `retrace mdi`. Returns its exit code.
+/// `retrace mdi`, and `retrace probe` with the call of a cycle as its block. Returns its exit code.
 ///
 /// # Errors
 /// Whatever prevents the task.
-pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
+pub fn mdi(block: &str, args: &args::MdiOptions) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine_file.path())?;
     let of = &args.manual;
     let (params, tools) = (args.params.as_deref(), args.tools.as_deref());
@@ -62,11 +62,11 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let began = files.read()?;
     let mut modal_context = ModalContext::new(interpreter_setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
-        modal_context.block(&machine, &args.block).map_err(print_diagnostics)?;
-        say!("{}: no errors; nothing was moved", args.block);
+        modal_context.block(&machine, block).map_err(print_diagnostics)?;
+        say!("{block}: no errors; nothing was moved");
         return Ok(0);
     }
-    let code = on_machine(&args.manual, &machine, &ManualTask::Mdi(args.block.clone()), &mut modal_context)?;
+    let code = on_machine(&args.manual, &machine, &ManualTask::Mdi(block.to_owned()), &mut modal_context)?;
     if code == 0 {
         files.write_parameters(&began.parameters, modal_context.modal_snapshot().parameters())?;
         files.write_tools(&began.tools, modal_context.modal_snapshot().tools())?;

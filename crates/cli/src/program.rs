@@ -147,7 +147,7 @@ impl Program {
             if ini.disable_g92_persistence {
                 setup.parameters.clear_g92();
             }
-            setup.fixed_values = ini.values;
+            setup.fixed_values.extend(ini.values);
             let beside = path.parent().unwrap_or(Path::new(""));
             subs.extend(ini.subroutine_path.iter().map(|folder| beside.join(folder)));
         }

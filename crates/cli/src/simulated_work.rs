@@ -8,7 +8,7 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_sim::{Cylinder, ProbedBody, ProbedWork};
 
 const ITEMS: &str = "z<-10 (all below), box=X1:X2,Y1:Y2,Z1:Z2, boss=X,Y,DIAMETER,Z1:Z2, bore=X,Y,DIAMETER,Z1:Z2, \
-                     bounce-ms=N";
+                     ball=DIAMETER, bounce-ms=N";
 
 /// Parses the bodies of a machine with a probe. `None` without a text.
 ///
@@ -24,10 +24,32 @@ pub fn parsed_work(text: Option<&str>, machine: &MachineConfig) -> Result<Option
         |axis: Option<u8>| axis.map_or(0, |axis| (1e9 / machine.axes[usize::from(axis)].pulses_per_mm).round() as i64);
     let mut work =
         ProbedWork { input, axes, pm_per_pulse: [pm(axes[0]), pm(axes[1])], bodies: Vec::new(), bounce_us: 0 };
+    let mut ball_mm = 0.0;
     for item in text.split(';').map(str::trim).filter(|item| !item.is_empty()) {
+        if let Some(mm) = item.strip_prefix("ball=").and_then(|text| text.trim().parse::<f64>().ok()) {
+            ball_mm = mm.clamp(0.0, 100.0);
+            continue;
+        }
         add(item, machine, &mut work).ok_or_else(|| refused(format!("`{item}` is no body; valid are {ITEMS}")))?;
     }
+    let radius_pm = (ball_mm * 5e8_f64).round() as i64;
+    work.bodies.iter_mut().for_each(|body| swell(body, radius_pm, work.pm_per_pulse));
     Ok(Some(work))
+}
+
+/// Makes a body larger by the radius of the ball of the probe, whose centre is what the axes move. The corners of a box
+/// stay sharp; along Z the ball is a part of the tool's length.
+fn swell(body: &mut ProbedBody, radius_pm: i64, pm_per_pulse: [i64; 2]) {
+    match body {
+        ProbedBody::Box(low, high) => {
+            for (axis, pm) in pm_per_pulse.into_iter().enumerate().filter(|(_, pm)| *pm > 0) {
+                low[axis] = low[axis].saturating_sub(radius_pm / pm);
+                high[axis] = high[axis].saturating_add(radius_pm / pm);
+            }
+        }
+        ProbedBody::Boss(cylinder) => cylinder.radius_pm += radius_pm,
+        ProbedBody::Bore(cylinder) => cylinder.radius_pm = (cylinder.radius_pm - radius_pm).max(0),
+    }
 }
 
 fn add(item: &str, machine: &MachineConfig, work: &mut ProbedWork) -> Option<()> {

@@ -33,11 +33,35 @@ pub(crate) struct ProbeSection {
     guard: bool,
     /// Whether the spindle may turn in a probing move.
     spindle: SpindleInProbing,
+    /// Effective diameter of the ball of the probe in mm, 0 for a point: `retrace probe calibrate` measures it. Without
+    /// it, the probing cycles measure along the tool axis only.
+    ball_mm: Option<f64>,
+    /// Feed in mm/min of the first, fast touch of a probing cycle.
+    feed_mm_min: f64,
+    /// Feed in mm/min of the second touch, which is the result. Default: a tenth of `feed_mm_min`.
+    slow_feed_mm_min: Option<f64>,
+    /// Distance in mm to which a probing cycle backs off between the touches, and at its end.
+    back_off_mm: f64,
+    /// Largest difference in mm of the two touches of a probing cycle.
+    agree_mm: f64,
+    /// Machine coordinates in mm of the tool setter: X and Y, and Z where a tool without length would touch it.
+    setter_mm: Option<[f64; 3]>,
 }
 
 impl Default for ProbeSection {
     fn default() -> Self {
-        Self { filter_us: 0.0, overtravel_mm: 5.0, guard: true, spindle: SpindleInProbing::Off }
+        Self {
+            filter_us: 0.0,
+            overtravel_mm: 5.0,
+            guard: true,
+            spindle: SpindleInProbing::Off,
+            ball_mm: None,
+            feed_mm_min: 300.0,
+            slow_feed_mm_min: None,
+            back_off_mm: 1.0,
+            agree_mm: 0.1,
+            setter_mm: None,
+        }
     }
 }
 
@@ -52,6 +76,18 @@ pub struct ProbeConfig {
     pub overtravel_mm: f64,
     /// Whether the spindle may turn in a probing move.
     pub spindle_may_turn: bool,
+    /// Effective diameter of the ball of the probe, mm.
+    pub ball_mm: Option<f64>,
+    /// Feed of the first touch of a probing cycle, mm/min.
+    pub feed_mm_min: f64,
+    /// Feed of its second touch, mm/min.
+    pub slow_feed_mm_min: f64,
+    /// Distance to which it backs off, mm.
+    pub back_off_mm: f64,
+    /// Largest difference of its touches, mm.
+    pub agree_mm: f64,
+    /// Tool setter in machine coordinates, mm: X and Y, and Z where a tool without length would touch it.
+    pub setter_mm: Option<[f64; 3]>,
 }
 
 impl ProbeSection {
@@ -59,6 +95,15 @@ impl ProbeSection {
     pub(crate) fn checked(self, card: &mut CardConfig, period_us: u32) -> Result<ProbeConfig, NumberedError> {
         within("probe.filter_us", self.filter_us, 0.0, 20_000.0)?;
         within("probe.overtravel_mm", self.overtravel_mm, 0.001, 1000.0)?;
+        within("probe.ball_mm", self.ball_mm.unwrap_or_default(), 0.0, 100.0)?;
+        within("probe.feed_mm_min", self.feed_mm_min, 0.1, 100_000.0)?;
+        let slow_feed_mm_min = self.slow_feed_mm_min.unwrap_or(self.feed_mm_min / 10.0);
+        within("probe.slow_feed_mm_min", slow_feed_mm_min, 0.01, self.feed_mm_min)?;
+        within("probe.back_off_mm", self.back_off_mm, 0.01, 100.0)?;
+        within("probe.agree_mm", self.agree_mm, 0.0001, 100.0)?;
+        for mm in self.setter_mm.unwrap_or_default() {
+            within("probe.setter_mm", mm, -1e6, 1e6)?;
+        }
         let is_probe = |&input: &u8| card.inputs[usize::from(input)].used_for == InputUse::Probe;
         let input = (0..MAX_INPUTS as u8).find(is_probe);
         if let Some(input) = input.filter(|_| !self.guard) {
@@ -69,6 +114,12 @@ impl ProbeSection {
             filter_periods: (self.filter_us / f64::from(period_us)).ceil() as u16,
             overtravel_mm: self.overtravel_mm,
             spindle_may_turn: self.spindle == SpindleInProbing::MayTurn,
+            ball_mm: self.ball_mm,
+            feed_mm_min: self.feed_mm_min,
+            slow_feed_mm_min,
+            back_off_mm: self.back_off_mm,
+            agree_mm: self.agree_mm,
+            setter_mm: self.setter_mm,
         })
     }
 }

@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use retrace_config::MachineConfig;
 use retrace_gcode::{
-    ActiveCodes, Axis, AxisSet, CanonStep, Diagnostic, Interpreter, ModalSnapshot, Parameters, Pose, Program, Progress,
-    Setup, Severity, ToolTable, UserCodes,
+    ActiveCodes, Answers, Axis, AxisSet, CanonStep, Diagnostic, Interpreter, ModalSnapshot, Parameters, Pose,
+    ProbingFigures, Program, Progress, Setup, Severity, ToolTable, UserCodes,
 };
 
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
@@ -28,7 +28,21 @@ pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
         cutting: cutting_setup(machine),
         spindle_use: spindle_use(machine),
         position: position(machine),
+        fixed_values: probing_figures(machine).named_values(),
         ..Setup::default()
+    }
+}
+
+/// What the probing cycles know of the machine.
+fn probing_figures(machine: &MachineConfig) -> ProbingFigures {
+    let probe = &machine.probe;
+    ProbingFigures {
+        ball_mm: probe.ball_mm,
+        feed_mm_min: probe.feed_mm_min,
+        slow_feed_mm_min: probe.slow_feed_mm_min,
+        back_off_mm: probe.back_off_mm,
+        agree_mm: probe.agree_mm,
+        tool_setter_mm: probe.setter_mm,
     }
 }
 
@@ -77,19 +91,22 @@ impl ModalContext {
     /// # Errors
     /// Its errors, rendered: its diagnostics, and what this machine cannot execute (E43…). Nothing has changed then.
     pub fn block(&self, machine: &MachineConfig, text: &str) -> Result<MdiBlock, Vec<String>> {
-        let begin = || {
-            let setup = Setup { position: position(machine), ..self.setup.clone() }.continuing(&self.modal_snapshot);
+        let begin = |answers| {
+            let setup = Setup { position: position(machine), answers, ..self.setup.clone() };
+            let setup = setup.continuing(&self.modal_snapshot);
             let program = Program::mdi(text, setup).map_err(|found| rendered(&found, text))?;
             Ok::<_, Vec<String>>(MdiBlock { text: text.to_owned(), program, left: None, moves: false })
         };
-        let mut looked_at = begin()?;
+        let mut looked_at = begin(Answers::Unknown)?;
         let (_, findings, scan) = job::check_program::<9>(machine, &mut looked_at);
-        let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
+        let is_error = |found: &&Diagnostic| found.severity() == Severity::Error;
+        let found = looked_at.program.interpreter().diagnostics().iter().filter(is_error);
+        let mut wrong: Vec<String> = found.map(|found| looked_at.program.render(found, "MDI")).collect();
         wrong.extend(findings.iter().filter(|finding| finding.is_error()).map(|finding| {
             let CheckFinding { number, cause: what, remedy, .. } = finding;
             format!("error[{number}]: {what}\n  help: {remedy}")
         }));
-        if wrong.is_empty() { Ok(MdiBlock { moves: scan.moves > 0, ..begin()? }) } else { Err(wrong) }
+        if wrong.is_empty() { Ok(MdiBlock { moves: scan.moves > 0, ..begin(Answers::Assumed)? }) } else { Err(wrong) }
     }
 
     /// Applies the state that an executed block has left.

@@ -102,7 +102,7 @@ impl Comment {
             Comment::LogOpen { file, append } => Canon::LogOpen { file: Arc::clone(file), append: *append },
             Comment::LogClose => Canon::LogClose,
             Comment::Abort(pieces) => {
-                return fault(ErrorCode::Aborted, Span::default(), expand(pieces, environment).to_string());
+                return fault(ErrorCode::Aborted, Span::default(), expand(pieces, environment).trim_start());
             }
         }))
     }

@@ -17,6 +17,7 @@ use crate::lines::unreadable;
 use crate::nearest::nearest;
 use crate::parse::LineReader;
 use crate::path_cache::PathCache;
+use crate::probing_cycles;
 use crate::setup::Setup;
 use crate::sub_files::SubFiles;
 use crate::subs::{Region, Subs, wrong_call};
@@ -272,7 +273,8 @@ impl Prescan {
         if !self.searched_names.insert(name.clone().into()) {
             return;
         }
-        let Some(found) = files.and_then(|files| files.find(&name)) else { return };
+        let found = files.and_then(|files| files.find(&name)).or_else(|| probing_cycles::find(&name));
+        let Some(found) = found else { return };
         let text = match found.text {
             Ok(text) => text,
             Err(why) => {

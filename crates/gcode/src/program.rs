@@ -185,8 +185,10 @@ impl<R: BufRead> Program<R> {
                 if is_alive { Progress::Line } else { self.end_of_program(steps) }
             }
             Err(fault) => {
+                // Nothing behind an ABORT is executed.
+                let is_last = fault.code == ErrorCode::Aborted;
                 self.interpreter.report(*fault);
-                if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::BlockError }
+                if is_last || self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::BlockError }
             }
         }
     }
@@ -457,6 +459,13 @@ impl<R: BufRead> Program<R> {
             }
             None => self.line_text(),
         }
+    }
+
+    /// Returns a diagnostic with the line that it is about, if that is still available. `name` is that of the program.
+    #[must_use]
+    pub fn render(&self, diagnostic: &Diagnostic, name: &str) -> String {
+        let file = self.prescan.as_ref().filter(|_| diagnostic.file > 0);
+        diagnostic.render(file.map_or(name, |prescan| prescan.file_name(diagnostic.file)), &self.text_of(diagnostic))
     }
 
     /// Returns the modal codes in force; valid between two lines.

@@ -6,6 +6,7 @@
 use retrace_controller::{CutStart, EnteredLength, LeadShape, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
+use retrace_gcode::probing_block;
 use retrace_link::channel;
 
 use crate::contour_page::{self, ContourChoice};
@@ -25,6 +26,8 @@ pub(crate) enum PendingQuestion {
     Output,
     /// MDI block.
     Mdi,
+    /// Probing cycle with its arguments.
+    Probe,
     /// Axis letter, or all.
     WorkZero,
     /// Tool length.
@@ -206,7 +209,10 @@ impl KeyState {
                 ..,
             ) if !is_job => &OpenDialog::Nothing,
             OpenDialog::Prompt(
-                PendingQuestion::Mdi | PendingQuestion::WorkZero | PendingQuestion::StartContour(_),
+                PendingQuestion::Mdi
+                | PendingQuestion::Probe
+                | PendingQuestion::WorkZero
+                | PendingQuestion::StartContour(_),
                 ..,
             ) if is_job => &OpenDialog::Nothing,
             open => open,
@@ -328,6 +334,7 @@ impl KeyState {
             KeyAction::Shift => ask(PendingQuestion::Shift, ""),
             KeyAction::Output => ask(PendingQuestion::Output, ""),
             KeyAction::Mdi => ask(PendingQuestion::Mdi, ""),
+            KeyAction::Probe => ask(PendingQuestion::Probe, ""),
             KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
             KeyAction::ToolLength => ask(PendingQuestion::ToolLength, ""),
             KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
@@ -547,6 +554,7 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
         PendingQuestion::Output => output(text, model),
         PendingQuestion::Mdi if text.is_empty() => Err("enter a block such as G0 X10".into()),
         PendingQuestion::Mdi => Ok(UiCommand::Task(ManualTask::Mdi(text.into()))),
+        PendingQuestion::Probe => probing_block(text).map(|block| UiCommand::Task(ManualTask::Mdi(block))),
         PendingQuestion::WorkZero => {
             let lower = text.to_ascii_lowercase();
             let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());

@@ -139,6 +139,8 @@ pub(crate) enum KeyAction {
     Home,
     /// MDI block.
     Mdi,
+    /// Probing cycle.
+    Probe,
     /// Sets the work zero.
     WorkZero,
     /// Dry run: outputs inhibited.
@@ -351,6 +353,7 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('O')], "O", "open", "open another program; Tab completes its name", FREE, KeyAction::OpenProgram),
     row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, KeyAction::Home),
     row(&[Key::Char('m')], "m", "MDI", "execute one MDI block", SETUP, KeyAction::Mdi),
+    row(&[Key::Char('P')], "P", "probe", "probe a surface, an edge, a corner, a bore, a tool", SETUP, KeyAction::Probe),
     row(&[Key::Char('z')], "z", "zero", "set the work zero here: one axis or all", SETUP, KeyAction::WorkZero),
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
     row(&[Key::Char('C')], "C", "contours", "the contours: what is cut of each; Enter goes there", EVER,

@@ -91,6 +91,7 @@ fn setup(model: &ScreenModel) -> StatusHint {
         KeyAction::Mdi,
         KeyAction::WorkZero,
         KeyAction::DryRun,
+        KeyAction::Probe,
         KeyAction::OpenProgram,
         KeyAction::Tools,
         KeyAction::Output,

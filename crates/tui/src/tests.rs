@@ -445,6 +445,20 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
 }
 
 #[test]
+fn a_probing_cycle_is_entered_in_words_and_called_as_an_mdi_block() {
+    let mut bench = ScreenFixture::new();
+    bench.keys("P");
+    bench.keys("bore 20");
+    bench.key(Key::Enter);
+    let shown = text(&bench.screen(80, 24));
+    assert!(shown.contains("! enter bore DIAMETER DEPTH") && shown.contains("the probe MOVES"), "{shown}");
+    assert!(shown.contains("outside-corner x+ y+ OUT DEPTH") && shown.contains("calibrate DIAMETER DEPTH"), "{shown}");
+    bench.keys(" 5 g55");
+    let block = "o<probe_bore> call [20 / [1 + 24.4 * #<_imperial>]] [5 / [1 + 24.4 * #<_imperial>]] [2]";
+    assert_eq!(bench.key(Key::Enter), Some(UiCommand::Task(retrace_controller::ManualTask::Mdi(block.into()))));
+}
+
+#[test]
 fn a_key_that_does_nothing_here_says_when_it_does() {
     let mut bench = ScreenFixture::new();
     bench.keys("r");

@@ -32,6 +32,7 @@ mod page_paths;
 mod page_tables;
 mod page_tls;
 mod probing;
+mod probing_cycles;
 #[cfg(target_os = "linux")]
 mod ramp_pierce;
 mod real_time;

@@ -43,6 +43,13 @@ pub struct Jog {
 pub struct Mdi {
     /// The block.
     pub block: String,
+    #[command(flatten)]
+    pub options: MdiOptions,
+}
+
+/// Options that `mdi` and `probe` share.
+#[derive(Debug, Args)]
+pub struct MdiOptions {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,

@@ -25,6 +25,7 @@ mod offsets;
 mod outline;
 mod peer;
 mod plasma_samples;
+mod probing_cycles;
 mod program_location;
 mod stock_golden;
 mod turning;

@@ -6,6 +6,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
+use retrace_gcode::PROBING_FORMS;
 
 use super::listing::message_text;
 use super::{Theme, contours, fold, pane, put_at, truncate};
@@ -157,6 +158,11 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
             ("output", "Output number or name, then + or -, such as 3+:", "Enter OK · Esc cancel")
         }
         PendingQuestion::Mdi => ("MDI", "One block, such as G0 X10:", "Enter OK · Esc cancel"),
+        PendingQuestion::Probe => (
+            "probe",
+            "Cycle and its lengths in mm; with g54 to g59.3 the result becomes that zero:",
+            "Enter OK, the probe MOVES · Esc cancel",
+        ),
         PendingQuestion::WorkZero => ("work zero", "Set the zero here for this axis, or all:", "Enter OK · Esc cancel"),
         PendingQuestion::ToolLength => (
             "tool length",
@@ -182,6 +188,9 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
         }
     };
     let mut lines = vec![question.to_string()];
+    if ask == PendingQuestion::Probe {
+        lines.extend(PROBING_FORMS.iter().map(|form| format!("  {form}")));
+    }
     if ask.takes_text() {
         let shown = text.chars().count().saturating_sub(60);
         let tail: String = text.chars().skip(shown).collect();
