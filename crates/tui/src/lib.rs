@@ -41,6 +41,7 @@ mod model;
 mod model_observer;
 mod operator_panel;
 mod path_length;
+mod pending_question;
 mod preview;
 mod program_facts;
 mod program_outputs;

@@ -19,10 +19,11 @@ use retrace_link::CutterOffCause;
 mod arbitrary;
 
 use crate::fake_machine::{self, FakeMachine, FakePath};
-use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
+use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{Key, TABLE};
 use crate::model::{AlarmShown, AxisHoming, ScreenModel, ScreenStage};
 use crate::model_observer::{ModelObserver, lock_model};
+use crate::pending_question::PendingQuestion;
 use crate::program_facts::{AxisFacts, ProgramFacts, Text};
 use crate::trail::TrailPoint;
 use crate::{UiCommand, view};

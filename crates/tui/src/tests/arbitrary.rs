@@ -13,10 +13,11 @@ use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
 
 use super::{PLAIN, drawn, rows, text};
-use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
+use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{Key, TABLE};
 use crate::model::{AlarmShown, Pause, ScreenModel, ScreenStage};
 use crate::model_observer::lock_model;
+use crate::pending_question::PendingQuestion;
 use crate::program_facts::{AxisFacts, Planned, ProgramFacts, Text, ToolFacts};
 use crate::trail::TrailPoint;
 use crate::{UiCommand, layout, view};

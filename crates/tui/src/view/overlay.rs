@@ -10,9 +10,10 @@ use retrace_gcode::PROBING_FORMS;
 
 use super::listing::message_text;
 use super::{Theme, contours, fold, pane, put_at, truncate};
-use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
+use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel};
+use crate::pending_question::PendingQuestion;
 use crate::program_facts::ToolFacts;
 use crate::status_line::{self, HintLevel, StatusHint};
 
