@@ -9,7 +9,7 @@ import { openDialog } from './dialog.js';
 const PLACED = new Set(
   (
     'hold quit turn jog jog-down jog-up next-axis step view zoom-in zoom-out pan fit messages help tools contours ' +
-    'open-program mdi work-zero faster slower whole rapid-override output reverse forward wheel cycle-start leave ' +
+    'open-program mdi probe work-zero faster slower whole rapid-override output reverse forward wheel cycle-start leave ' +
     'back-by single dry-run'
   ).split(' '),
 );

@@ -49,6 +49,7 @@ const PAGE_ACTIONS = new Set([
   'contours',
   'open-program',
   'mdi',
+  'probe',
   'work-zero',
   'step',
   'next-axis',

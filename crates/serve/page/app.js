@@ -23,6 +23,7 @@ import { OffsetPanel } from './offset_panel.js';
 import { OrderSender } from './orders.js';
 import { PathView } from './path_view.js';
 import { PositionTable } from './position_table.js';
+import { ProbePanel } from './probe_panel.js';
 import { ProfilePanel } from './profile_panel.js';
 import { Scrubber } from './scrubber.js';
 import { SettingsPanel } from './settings_panel.js';
@@ -96,6 +97,7 @@ sideTabs.add('program', 'Program', listing);
 sideTabs.add('jog', 'Jog', jogPad);
 sideTabs.add('mdi', 'MDI', mdiPanel);
 sideTabs.add('zero', 'Zero', zeroPanel);
+sideTabs.add('probe', 'Probe', new ProbePanel(store, orders));
 sideTabs.add('contours', 'Contours', contourList);
 // On a narrow screen the overrides and outputs have no room of their own: this tab shows them.
 sideTabs.add('feed', 'Feed', { node: element('div') }, 'only-narrow');
@@ -116,6 +118,7 @@ actions.register({
     sideTabs.select('mdi');
     mdiPanel.input.focus();
   },
+  probe: openTab(sideTabs, 'probe'),
   'work-zero': openTab(sideTabs, 'zero'),
 });
 

@@ -46,6 +46,9 @@ pub(crate) fn parse(words: &str, model: &ScreenModel) -> Result<Order, NumberedE
         ("home", letter) => task(ManualTask::Home(Some(axis(letter, model)?))),
         ("mdi", "") => Err(NumberedError::new("E2121", "no block to execute", "mdi G0 X10")),
         ("mdi", block) => task(ManualTask::Mdi(block.to_owned())),
+        ("probe", call) => ManualTask::probing_cycle(call)
+            .map_err(|why| NumberedError::new("E2121", why, "probe surface z- 20 g54"))
+            .and_then(task),
         ("zero", "" | "all") => task(ManualTask::WorkZero(None)),
         ("zero", letter) => task(ManualTask::WorkZero(Some(axis(letter, model)?))),
         ("dry", "run on") => command(UiCommand::DryRun(true)),
@@ -136,6 +139,9 @@ mod tests {
         assert_eq!(parsed("jog X -2.5", &setup), command(UiCommand::Task(ManualTask::Jog { axis: 'x', mm: -2.5 })));
         assert_eq!(parsed("reverse 50%", &job), command(UiCommand::Job(OperatorCommand::Reverse(Rate::percent(50)))));
         assert_eq!(parsed("mdi G0 X1 Y2", &setup), command(UiCommand::Task(ManualTask::Mdi("G0 X1 Y2".into()))));
+        let block = "o<probe_surface> call [-3] [20 / [1 + 24.4 * #<_imperial>]] [1]";
+        let probe = parsed("probe surface z- 20 G54", &setup);
+        assert_eq!(probe, command(UiCommand::Task(ManualTask::Mdi(block.into()))));
         assert_eq!(parsed("zero", &setup), command(UiCommand::Task(ManualTask::WorkZero(None))));
         assert_eq!(parsed("home Z", &setup), command(UiCommand::Task(ManualTask::Home(Some('z')))));
         assert_eq!(parsed("start line 120", &setup), command(UiCommand::StartLine(120)));
@@ -153,6 +159,7 @@ mod tests {
             ("start contour x", "E2121"),
             ("home q", "E2161"),
             ("mdi", "E2121"),
+            ("probe surface", "E2121"),
             ("start", "E2121"),
         ] {
             assert_eq!(parse(words, &setup).expect_err(words).number, number, "{words}");
@@ -173,6 +180,7 @@ mod tests {
             ("output 0 on", true),
             ("cutter on", true),
             ("mdi G0 X1", true),
+            ("probe bore 20 5", true),
             ("open a", true),
         ] {
             assert_eq!(starts_motion(&parse(words, &job).expect(words)), starts, "{words}");

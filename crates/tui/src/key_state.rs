@@ -6,7 +6,6 @@
 use retrace_controller::{CutStart, EnteredLength, LeadShape, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
-use retrace_gcode::probing_block;
 use retrace_link::channel;
 
 use crate::contour_page::{self, ContourChoice};
@@ -521,7 +520,7 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
         PendingQuestion::Output => output(text, model),
         PendingQuestion::Mdi if text.is_empty() => Err("enter a block such as G0 X10".into()),
         PendingQuestion::Mdi => Ok(UiCommand::Task(ManualTask::Mdi(text.into()))),
-        PendingQuestion::Probe => probing_block(text).map(|block| UiCommand::Task(ManualTask::Mdi(block))),
+        PendingQuestion::Probe => ManualTask::probing_cycle(text).map(UiCommand::Task),
         PendingQuestion::WorkZero => {
             let lower = text.to_ascii_lowercase();
             let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());

@@ -141,6 +141,42 @@ fn the_work_zero_is_set() {
     user.picture("zero");
 }
 
+/// A probing cycle is chosen, gets its lengths, and sets an offset; without a length nothing moves.
+#[test]
+fn a_surface_is_probed_and_becomes_the_zero() {
+    let Some(mut browser) = browser() else { return };
+    for screen in [Screen::TABLET, Screen::PHONE] {
+        let bench = Bench::new();
+        let server = serve(&bench, &zigzag(4), &["--work", "z<-5"]);
+        let machine = Machine::new(&server);
+        let mut user = in_control(&mut browser, &server, screen);
+        user.wait_for_word("READY");
+        user.tap("[role=tab]", "Probe");
+        user.tap("#panel-probe button.main", "Probe");
+        user.wait_for_text("#panel-probe [role=status]", "Enter a number: Longest way");
+        user.tap("#panel-probe input", "Longest way");
+        user.type_text("20");
+        user.evaluate("document.querySelector('#panel-probe select[aria-label=\"Work offset\"]').value = 'G54'");
+        user.picture(&format!("probe-{}", screen.width));
+        user.tap("#panel-probe button.main", "Probe");
+        machine.wait("the zero", |report| report["live"]["work"][2] == 1.0 && report["live"]["mm"][2] == -4.0);
+        // Each cycle has its fields.
+        for (word, label) in [("outside-corner", "Way out"), ("calibrate", "Diameter"), ("tool-at-work", "Height")] {
+            let select = format!(
+                "window.cycle = document.querySelector('.probe-cycle'); cycle.value = '{word}'; \
+                cycle.dispatchEvent(new Event('change'))"
+            );
+            user.evaluate(&select);
+            user.wait_for_text("#panel-probe .zero-rows", label);
+        }
+        user.evaluate(
+            "window.cycle = document.querySelector('.probe-cycle'); cycle.value = 'outside-corner'; \
+            cycle.dispatchEvent(new Event('change'))",
+        );
+        user.picture(&format!("probe-corner-{}", screen.width));
+    }
+}
+
 /// Offsets and tools are changed by a tap on a figure, and shown by what the machine has; inputs by name.
 #[test]
 fn offsets_and_tools_are_changed_by_a_tap() {

@@ -36,3 +36,13 @@ pub enum ManualTask {
     /// Switch the first torch, jet or beam on for its test pulse (CUT-9).
     TestPulse,
 }
+
+impl ManualTask {
+    /// A probing cycle in an operator's words, such as `surface z- 20 g54`, as the MDI block that calls it (PRB-20).
+    ///
+    /// # Errors
+    /// What the words should be.
+    pub fn probing_cycle(words: &str) -> Result<Self, String> {
+        retrace_gcode::probing_block(words).map(Self::Mdi)
+    }
+}

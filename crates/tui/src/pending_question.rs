@@ -1,0 +1,37 @@
+//! Questions of prompts.
+//!
+//! Invariant: a question takes a text, or one key.
+
+/// Question of a prompt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PendingQuestion {
+    /// Distance to go back, mm.
+    BackBy,
+    /// Distance of the start of the cut from the path.
+    Shift,
+    /// Number or name of an output.
+    Output,
+    /// MDI block.
+    Mdi,
+    /// Probing cycle with its arguments.
+    Probe,
+    /// Axis letter, or all.
+    WorkZero,
+    /// Tool length.
+    ToolLength,
+    /// Whether to fire the cutter for a test pulse.
+    TestPulse,
+    /// Whether to start the program at this contour.
+    StartContour(u32),
+    /// Whether to stop the job.
+    Stop,
+    /// Path of another program.
+    Program,
+}
+
+impl PendingQuestion {
+    /// Whether the answer is a text, and not a key.
+    pub(crate) const fn takes_text(self) -> bool {
+        !matches!(self, Self::Stop | Self::TestPulse | Self::StartContour(_))
+    }
+}
