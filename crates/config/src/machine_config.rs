@@ -14,7 +14,7 @@ use crate::axis::{self, AXIS_LETTERS, AxisConfig};
 use crate::card_config::{CardConfig, SPINDLE_PWM_OF_A_BEAM};
 use crate::channel_names::{self, ChannelNames};
 use crate::cutter::{self, CutterConfig};
-use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutputs, ToolChange};
+use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutputs};
 use crate::manual_config::{ManualConfig, Written};
 use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
@@ -25,6 +25,7 @@ use crate::serial::SerialSettings;
 use crate::sheet_contacts;
 use crate::sheet_sensing::ToolLayer;
 use crate::switching::SwitchingTable;
+use crate::tool_change_config::{ToolChange, ToolChangeConfig};
 
 /// A material table with the file that it was read from.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,6 +73,8 @@ pub struct MachineConfig {
     pub probe: ProbeConfig,
     /// Tool change: automatic or manual.
     pub tool_change: ToolChange,
+    /// Change of tools by the operator: where, and whether they are measured.
+    pub manual_tool_change: ToolChangeConfig,
     /// What happens to a running program when the page in control loses its link.
     pub on_lost_control: OnLostControl,
     /// How the speed along the path is planned.
@@ -180,6 +183,7 @@ impl MachineConfig {
         cutter::proofs_are_plain_inputs(&cutters, &card)?;
         cutter::declare_collision_inputs(&cutters, &mut card)?;
         let probe = file.probe.checked(&mut card, period_us)?;
+        let manual_tool_change = file.manual_tool_change.checked(file.tool_change, &probe)?;
         let output_names = output_names(file.output, &cutters)?;
         let written = Written {
             homing: file.homing,
@@ -214,6 +218,7 @@ impl MachineConfig {
             materials: None,
             cutting_outputs,
             tool_change: file.tool_change,
+            manual_tool_change,
             on_lost_control: file.on_lost_control,
             plan_mode: file.plan,
             output_names,

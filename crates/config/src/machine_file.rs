@@ -18,6 +18,7 @@ use crate::plan_mode::PlanMode;
 use crate::probe_config::ProbeSection;
 use crate::serial::SerialSection;
 use crate::switching::CodeSettings;
+use crate::tool_change_config::{ToolChange, ToolChangeSection};
 use crate::value_range::within;
 
 /// Settings of the handwheel.
@@ -46,17 +47,6 @@ pub enum RetraceOutputs {
     Manual,
     /// Recorded actions are replayed, also in reverse.
     Replayed,
-}
-
-/// Tool change at M6.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum ToolChange {
-    /// The machine changes the tool, or no change is needed.
-    #[default]
-    Automatic,
-    /// The operator changes the tool: M6 stops, shows the tool, and waits for cycle start (PRB-21).
-    Manual,
 }
 
 /// What happens to a running program when the page in control of the machine loses its link.
@@ -187,6 +177,8 @@ pub(crate) struct MachineFile {
     pub(crate) output: Vec<OutputSection>,
     /// Tool change at M6.
     pub(crate) tool_change: ToolChange,
+    /// Change of tools by the operator: where, and whether they are measured.
+    pub(crate) manual_tool_change: ToolChangeSection,
     /// What happens to a running program when the page in control of the machine loses its link. A jog, the handwheel
     /// and reverse run always end.
     pub(crate) on_lost_control: OnLostControl,
@@ -232,6 +224,7 @@ impl Default for MachineFile {
             cutter: Vec::new(),
             output: Vec::new(),
             tool_change: ToolChange::Automatic,
+            manual_tool_change: ToolChangeSection::default(),
             on_lost_control: OnLostControl::Run,
             plan: PlanMode::default(),
             axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),

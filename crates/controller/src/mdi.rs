@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use retrace_config::MachineConfig;
 use retrace_gcode::{
     ActiveCodes, Answers, Axis, AxisSet, CanonStep, Diagnostic, Interpreter, ModalSnapshot, Parameters, Pose,
-    ProbingFigures, Program, Progress, Setup, Severity, ToolTable, UserCodes,
+    ProbingFigures, Program, Progress, Setup, Severity, ToolChangeFigures, ToolTable, UserCodes,
 };
 
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
@@ -28,22 +28,25 @@ pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
         cutting: cutting_setup(machine),
         spindle_use: spindle_use(machine),
         position: position(machine),
-        fixed_values: probing_figures(machine).named_values(),
+        fixed_values: named_figures(machine),
+        calls_tool_change: machine.manual_tool_change.is_subprogram(),
         ..Setup::default()
     }
 }
 
-/// What the probing cycles know of the machine.
-fn probing_figures(machine: &MachineConfig) -> ProbingFigures {
-    let probe = &machine.probe;
-    ProbingFigures {
+/// What the shipped subprograms know of the machine, as named parameters.
+fn named_figures(machine: &MachineConfig) -> Vec<(String, f64)> {
+    let (probe, change) = (&machine.probe, &machine.manual_tool_change);
+    let change = ToolChangeFigures { position_mm: change.position_mm, measured_within_mm: change.measured_within_mm };
+    let probing = ProbingFigures {
         ball_mm: probe.ball_mm,
         feed_mm_min: probe.feed_mm_min,
         slow_feed_mm_min: probe.slow_feed_mm_min,
         back_off_mm: probe.back_off_mm,
         agree_mm: probe.agree_mm,
         tool_setter_mm: probe.setter_mm,
-    }
+    };
+    [probing.named_values(), change.named_values()].concat()
 }
 
 /// Position of the machine, mm and degrees, machine coordinates.

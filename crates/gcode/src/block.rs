@@ -196,6 +196,19 @@ impl Words {
         (self.value[index(letter)], self.at[index(letter)]) = (value, (0, 0));
     }
 
+    /// Removes the M code of a group.
+    pub(crate) fn remove_m(&mut self, group: GroupM) {
+        if self.m(group).is_some() {
+            self.m_present &= !(1 << group as u8);
+            self.m_count -= 1;
+        }
+    }
+
+    /// Whether it has no word but T, F and S, no G code and no M code.
+    pub(crate) fn has_only_tool(&self) -> bool {
+        self.present & !letters(b"tfs") == 0 && self.g_present == 0 && self.m_present == 0
+    }
+
     /// Whether any of these words is present with an unknown value.
     pub(crate) fn has_unknown(&self, letters: &[u8]) -> bool {
         letters.iter().any(|&letter| self.get(letter).is_some_and(f64::is_nan))
@@ -409,6 +422,23 @@ pub(crate) struct NcBlock {
 }
 
 impl NcBlock {
+    /// Takes M6 out of the block: it becomes the call of a subprogram. Returns whether it has one.
+    ///
+    /// # Errors
+    /// The block has more than T, F and S beside it.
+    pub(crate) fn take_tool_change(&mut self) -> BlockResult<bool> {
+        if self.words.m(GroupM::Tool) != Some(6) {
+            return Ok(false);
+        }
+        let at = self.words.m_span(GroupM::Tool);
+        self.words.remove_m(GroupM::Tool);
+        let is_code = |deferred: &DeferredValue| matches!(deferred.slot, Slot::G | Slot::M);
+        if !self.words.has_only_tool() || self.deferred.iter().any(is_code) {
+            return fault(ErrorCode::ToolChangeNotAlone, at, ErrorCode::ToolChangeNotAlone.title());
+        }
+        Ok(true)
+    }
+
     pub(crate) fn clear(&mut self) {
         self.number = None;
         self.words.clear();

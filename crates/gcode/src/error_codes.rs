@@ -348,6 +348,10 @@ retrace_cycles::error_codes! {
     Aborted "E1728" "program aborted"
         "A comment with ABORT was executed."
         "Read the text of the comment.";
+    ToolChangeNotAlone "E1737" "tool change with other words"
+        "The operator changes the tool at a position of its own, or it is measured behind the change: M6 is a call of \
+        the subprogram tool_change, which cannot have more in its block than T, F and S."
+        "Write the other words in the next block.";
     PythonComment "E1729" "Python in a comment"
         "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC; retrace does not run Python."
         "Remove the comment.";

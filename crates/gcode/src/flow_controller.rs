@@ -14,6 +14,7 @@ use crate::line_numbers::GotoError;
 use crate::loop_stack::LoopStack;
 use crate::params::Frame;
 use crate::path_explorer::{PathExplorer, RETURN};
+use crate::probing_cycles::TOOL_CHANGE;
 use crate::program_location::{CallFrame, LoopKind};
 use crate::subs::{Sub, Subs, wrong_call};
 use std::sync::Arc;
@@ -25,6 +26,8 @@ const MAX_CALLS: usize = 9;
 #[derive(Debug)]
 pub(crate) struct OpenCall {
     sub: Sub,
+    /// File and line of the block before, which is the call where no compiled line calls.
+    from: (u16, u32),
     /// Local parameters of the caller.
     frame: Frame,
     /// Number of repeats of M98, and how many of them remain.
@@ -110,13 +113,25 @@ impl FlowController {
             open = level.loops;
             let Some(call) = &level.call else { continue };
             let from = index.checked_sub(1).and_then(|below| self.levels.get(below));
-            let from = from.map_or((String::new(), 0), |below| {
+            let from = from.map_or((name(call.from.0), call.from.1), |below| {
                 (name(below.code.file), below.code.line_number(below.next.saturating_sub(1)))
             });
             let label = self.subs.label(&call.sub).map_or_else(String::new, ToString::to_string);
             frames.push(CallFrame::Sub { name: label, from, repeat: call.of - call.rounds, repeats: call.of });
         }
         frames
+    }
+
+    /// Whether a subprogram of this label is being executed.
+    pub(crate) fn is_in(&self, label: &Label) -> bool {
+        self.levels.iter().filter_map(|level| level.call.as_ref()).any(|call| self.subs.label(&call.sub) == Some(label))
+    }
+
+    /// Calls the subprogram that changes the tool, behind the block that was executed last.
+    pub(crate) fn call_tool_change(&mut self, interpreter: &mut Interpreter) -> BlockResult<()> {
+        let label = Label::Name(TOOL_CHANGE.into());
+        let id = self.subs.find(0, &label).ok_or_else(|| self.no_such_sub_error(&label, Span::default()))?;
+        self.enter(id, &label, false, 0, Span::default(), interpreter).map(|_| ())
     }
 
     /// Returns the cycle that is called in this line, if it is the current one.
@@ -424,9 +439,10 @@ impl FlowController {
             return Ok(LineOutcome::Jumped);
         }
         self.calls += 1;
+        let from = interpreter.current_line();
         let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
         let (next, end) = (sub.entry, code.len());
-        let call = Some(OpenCall { sub, frame, of: rounds, rounds: rounds - 1 });
+        let call = Some(OpenCall { sub, from, frame, of: rounds, rounds: rounds - 1 });
         self.levels.push(CallLevel { code, next, end, loops: self.loops.open_count(), call });
         Ok(LineOutcome::Jumped)
     }

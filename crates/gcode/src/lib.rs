@@ -126,7 +126,7 @@ pub use params::Parameters;
 pub use pose::{Axis, AxisSet, Pose};
 pub use prescan::Prescan;
 pub use probing_call::{PROBING_FORMS, probing_block};
-pub use probing_cycles::{ProbingFigures, probing_cycles};
+pub use probing_cycles::{ProbingFigures, ToolChangeFigures, probing_cycles};
 pub use program::{Program, Progress, check};
 pub use program_end::{ProgramEndDetector, program_end_of};
 pub use program_location::{CallFrame, LoopKind, ProgramLocation};

@@ -79,6 +79,10 @@ impl Prescan {
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text, None);
+        let change = Label::Name(probing_cycles::TOOL_CHANGE.into());
+        if setup.calls_tool_change && prescan.subs.find(0, &change).is_none() {
+            prescan.find_file(&change, setup.files.as_deref(), 0, 0, Span::default());
+        }
         // Files that a file calls are appended after it.
         let mut file = 0;
         while file < prescan.codes.len() {

@@ -1,4 +1,5 @@
-//! Probing cycles, as subprograms that every program can call (PRB-20).
+//! Shipped subprograms that every program can call: the probing cycles (PRB-20), and the change of tools by the
+//! operator (PRB-21).
 //!
 //! Invariant: a subprogram of the program, or in a file that its source finds, replaces one of these.
 
@@ -44,7 +45,7 @@ impl ProbingFigures {
 macro_rules! cycles {
     ($($name:literal),* $(,)?) => {
         /// Names and texts.
-        const CYCLES: &[(&str, &str)] = &[$(($name, include_str!(concat!("../probing/", $name, ".ngc")))),*];
+        const CYCLES: &[(&str, &str)] = &[$(($name, include_str!(concat!("../subprograms/", $name, ".ngc")))),*];
     };
 }
 
@@ -73,8 +74,38 @@ pub fn probing_cycles() -> &'static [(&'static str, &'static str)] {
     CYCLES
 }
 
-/// Returns the probing cycle of this name, in lower case.
+/// What M6 does on a machine whose operator changes the tool (PRB-21); lengths in mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolChangeFigures {
+    /// Machine coordinates where the tool is changed: X, Y, Z.
+    pub position_mm: Option<[f64; 3]>,
+    /// Longest way down to the tool setter, where the tool is measured behind the change.
+    pub measured_within_mm: Option<f64>,
+}
+
+impl ToolChangeFigures {
+    /// Returns them as named parameters.
+    #[must_use]
+    pub fn named_values(&self) -> Vec<(String, f64)> {
+        let [x, y, z] = self.position_mm.unwrap_or_default();
+        let values = [
+            ("_has_tool_change_position", f64::from(u8::from(self.position_mm.is_some()))),
+            ("_tool_change_x", x),
+            ("_tool_change_y", y),
+            ("_tool_change_z", z),
+            ("_tool_change_measures", f64::from(u8::from(self.measured_within_mm.is_some()))),
+            ("_tool_change_travel", self.measured_within_mm.unwrap_or(0.0)),
+        ];
+        values.map(|(name, value)| (name.to_owned(), value)).to_vec()
+    }
+}
+
+/// Name of the subprogram that M6 calls.
+pub(crate) const TOOL_CHANGE: &str = "tool_change";
+
+/// Returns the shipped subprogram of this name, in lower case.
 pub(crate) fn find(name: &str) -> Option<SubFile> {
-    let (name, text) = CYCLES.iter().find(|(known, _)| *known == name)?;
+    const CHANGE: (&str, &str) = (TOOL_CHANGE, include_str!("../subprograms/tool_change.ngc"));
+    let (name, text) = CYCLES.iter().chain(&[CHANGE]).find(|(known, _)| *known == name)?;
     Some(SubFile { name: format!("{name}.ngc"), text: Ok((*text).into()) })
 }

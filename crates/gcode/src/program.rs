@@ -7,7 +7,7 @@ use crate::active::ActiveCodes;
 use crate::bytes::shown;
 use crate::canon::{Canon, CanonStep};
 use crate::contour::{self, ContourReader};
-use crate::control::{Control, Keyword};
+use crate::control::{Control, Keyword, Label};
 use crate::cycle_call::CycleCall;
 use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
@@ -19,6 +19,7 @@ use crate::lines::Lines;
 use crate::lines::{is_percent, unreadable};
 use crate::mdi_check::check_mdi;
 use crate::prescan::Prescan;
+use crate::probing_cycles::TOOL_CHANGE;
 use crate::program_location::ProgramLocation;
 use crate::setup::{Answers, Setup};
 use crate::stream_compiler::StreamCompiler;
@@ -73,6 +74,8 @@ pub struct Program<R> {
     is_read_ahead: bool,
     /// Whether it is one MDI block, which needs no end.
     is_mdi: bool,
+    /// Whether M6 calls the subprogram that changes the tool.
+    calls_tool_change: bool,
     /// Whether it could not be read to its end, and that has been reported.
     is_unreadable: bool,
     /// Target of a GOTO in a streamed program: the next line with this number; line and span of the GOTO.
@@ -92,6 +95,7 @@ impl<R: BufRead> Program<R> {
     fn over(lines: Lines<R>, setup: Setup) -> Program<R> {
         Program {
             lines,
+            calls_tool_change: setup.calls_tool_change,
             interpreter: Interpreter::new(setup),
             flow: FlowController::default(),
             prescan: None,
@@ -279,7 +283,14 @@ impl<R: BufRead> Program<R> {
         } else if self.interpreter.is_turning() {
             self.draw_profile()?;
         }
-        self.interpreter.execute_block(steps)
+        let calls = self.calls_tool_change
+            && !self.flow.is_in(&Label::Name(TOOL_CHANGE.into()))
+            && self.interpreter.reader_mut().block.take_tool_change()?;
+        let flow = self.interpreter.execute_block(steps)?;
+        if calls {
+            self.flow.call_tool_change(&mut self.interpreter)?;
+        }
+        Ok(flow)
     }
 
     #[cold]

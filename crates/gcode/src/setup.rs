@@ -58,6 +58,8 @@ pub struct Setup {
     pub cutting: Option<Arc<CuttingSetup>>,
     /// What M3 starts on a machine without a material table.
     pub spindle_use: SpindleUse,
+    /// Whether M6 calls the subprogram `tool_change`, which has the M6 of its own that the machine executes.
+    pub calls_tool_change: bool,
     /// Where the answers of the machine come from.
     pub answers: Answers,
     /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
@@ -84,6 +86,7 @@ impl Default for Setup {
             fixed_values: Vec::new(),
             cutting: None,
             spindle_use: SpindleUse::Unknown,
+            calls_tool_change: false,
             answers: Answers::Assumed,
             snapshot: None,
         }

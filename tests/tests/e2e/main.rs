@@ -51,4 +51,5 @@ mod state_files;
 mod stop_signals;
 mod streams;
 mod tip_up;
+mod tool_change;
 mod tool_length;

@@ -1,0 +1,92 @@
+//! M6 of a machine whose operator changes the tool (PRB-21), at the pins of the card.
+
+use retrace_tests::command::Bench;
+use retrace_tests::pins::samples;
+use retrace_tests::run::Run;
+use serde_json::json;
+
+const MACHINE: &str = "tool_change = \"manual\"\n[manual_tool_change]\nposition_mm = [50, 10, 2]\n\
+    measure = \"setter\"\ntravel_mm = 80\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[probe]\nsetter_mm = [100, 90, -80]\n";
+const WORK: &str = "box=95:105,85:95,-100:-50";
+
+fn bench(program: &str) -> Bench {
+    let bench = Bench::new();
+    bench.file("m.toml", MACHINE);
+    bench.file("part.ngc", program);
+    bench
+}
+
+#[test]
+fn m6_goes_to_its_position_waits_and_measures_the_tool() {
+    let program = "G21 G90 F1800\nM3 S1000\nG1 X10 Z-5\nT2 M6\nX20\n(print,mode #<_motion_mode> offset #5403 z #<_z>)\n\
+        G91\nT1 M6\nM5\nX1 Y-80\n(print,mode #<_motion_mode> offset #5403 incremental #<_incremental>)\nM2\n";
+    let bench = bench(program);
+    let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+    let trace = vcd.display().to_string();
+    let operator = bench.file("s.op", "after 20s cycle start\nafter 60s cycle start\n").display().to_string();
+    let arguments = ["--machine", &machine, "--work", WORK, "--vcd", &trace, "--operator", &operator];
+    let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+    run.assert_exact_and_legal();
+    let texts: Vec<_> = run.of_kind("message").filter_map(|message| message["text"].as_str()).collect();
+    assert!(texts.contains(&"mode 10.000000 offset 30.000000 z -28.000000"), "{texts:?}");
+    assert!(texts.contains(&"mode 10.000000 offset 30.000000 incremental 1.000000"), "{texts:?}");
+    let changes: Vec<_> =
+        run.of_kind("tool_change").map(|change| (change["tool"].clone(), change["time_s"].as_f64())).collect();
+    assert_eq!(changes.iter().map(|(tool, _)| tool.clone()).collect::<Vec<_>>(), [json!(2), json!(1)]);
+    // The second change is not reached by X at the end: it is at the setter, and the program goes on from there.
+    assert_eq!(run.counts(), vec![101_000, 10_000, 2000]);
+    let pins = samples(&vcd);
+    for ((_, time_s), cycle_start_s) in changes.iter().zip([20.0, 60.0]) {
+        assert!(time_s.is_some_and(|time_s| time_s < cycle_start_s - 5.0), "{time_s:?}");
+        let before = pins.iter().rfind(|pin| pin.at_us < (cycle_start_s * 1e6) as u64).expect("a sample");
+        assert_eq!(before.counts[..3], [50_000, 10_000, 2000], "it waits there");
+    }
+    // From the way to the position on, the spindle is off until the program switches it on again.
+    let away = pins.iter().position(|pin| pin.counts[2] > -4999 && pin.counts[0] == 10_000).expect("the way up");
+    assert!(pins[away..].iter().all(|pin| !pin.is_on("spindle")));
+    assert!(pins[..away].iter().any(|pin| pin.is_on("spindle")));
+    // Z first, then X and Y.
+    let across = pins[away..].iter().find(|pin| pin.counts[0] > 10_100).expect("the way across");
+    assert_eq!(across.counts[2], 2000);
+}
+
+#[test]
+fn what_m6_cannot_do_is_refused_before_anything_moves() {
+    for block in ["T1 M6 G43 H1", "M6 X5", "M6 M3", "T1 M6 G[1 + 1]"] {
+        let bench = bench(&format!("G21 G90 F1800\nG1 X1\n{block}\nM2\n"));
+        let result = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--json"]);
+        assert!(result.code == Some(1) && result.err.contains("E1737"), "{block}: {}", result.err);
+        assert!(!result.out.contains("\"started\""), "{block}: {}", result.out);
+    }
+    for (wrong, what) in [
+        ("[manual_tool_change]\nposition_mm = [1, 2, 3]\n", "changes its tools itself"),
+        ("tool_change = \"manual\"\n[manual_tool_change]\nmeasure = \"setter\"\n", "needs a probe input"),
+    ] {
+        let bench = bench("M2\n");
+        bench.file("m.toml", wrong);
+        let result = bench.retrace(["machine", "check", "m.toml"]);
+        assert!(result.code == Some(2) && result.err.contains(what), "{wrong}: {}", result.err);
+    }
+    // A stream has no subprograms of files.
+    let bench = bench("");
+    let input = b"G21 G90\nT1 M6\nM2\n";
+    let result = bench.retrace_reading(["run", "-", "--machine", "m.toml", "--json"], input);
+    assert!(result.code == Some(1) && result.err.contains("tool_change"), "{}{}", result.out, result.err);
+}
+
+#[test]
+fn a_change_in_a_subprogram_and_one_of_the_programs_own_work_too() {
+    let text = "G21 G90 F1800\no<part> sub\nT#1 M6\n(print,tool #<_current_tool> arg #1)\no<part> endsub\n\
+        o1 repeat [2]\no<part> call [2]\no1 endrepeat\nM2\n";
+    let bench = bench(text);
+    let run = |bench: &Bench| bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", WORK, "--json"]);
+    let result = run(&bench);
+    assert_eq!(result.code, Some(0), "{}{}", result.out, result.err);
+    assert_eq!(result.out.matches("tool 2.000000 arg 2.000000").count(), 2, "{}", result.out);
+    assert_eq!(result.out.matches("length of tool 2.000000: 30.000000").count(), 2, "{}", result.out);
+    let own = "o<tool_change> sub\nM6\n(print,mine)\no<tool_change> endsub\n";
+    bench.file("part.ngc", format!("{own}{text}"));
+    let result = run(&bench);
+    assert_eq!((result.code, result.out.matches("mine").count()), (Some(0), 2), "{}{}", result.out, result.err);
+    assert!(!result.out.contains("length of tool"), "{}", result.out);
+}
