@@ -24,6 +24,7 @@ use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
 use crate::serial::SerialSettings;
 use crate::sheet_contacts;
 use crate::sheet_sensing::ToolLayer;
+use crate::spindle_config::FeedPerTurn;
 use crate::switching::SwitchingTable;
 use crate::tool_change_config::{ToolChange, ToolChangeConfig};
 
@@ -75,6 +76,8 @@ pub struct MachineConfig {
     pub tool_change: ToolChange,
     /// Change of tools by the operator: where, and whether they are measured.
     pub manual_tool_change: ToolChangeConfig,
+    /// What the feed of G95 follows.
+    pub feed_per_turn: FeedPerTurn,
     /// What happens to a running program when the page in control loses its link.
     pub on_lost_control: OnLostControl,
     /// How the speed along the path is planned.
@@ -219,6 +222,7 @@ impl MachineConfig {
             cutting_outputs,
             tool_change: file.tool_change,
             manual_tool_change,
+            feed_per_turn: file.spindle.feed_per_turn,
             on_lost_control: file.on_lost_control,
             plan_mode: file.plan,
             output_names,

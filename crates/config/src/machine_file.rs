@@ -17,6 +17,7 @@ use crate::numbered_error::{NumberedError, nearest};
 use crate::plan_mode::PlanMode;
 use crate::probe_config::ProbeSection;
 use crate::serial::SerialSection;
+use crate::spindle_config::SpindleSection;
 use crate::switching::CodeSettings;
 use crate::tool_change_config::{ToolChange, ToolChangeSection};
 use crate::value_range::within;
@@ -179,6 +180,8 @@ pub(crate) struct MachineFile {
     pub(crate) tool_change: ToolChange,
     /// Change of tools by the operator: where, and whether they are measured.
     pub(crate) manual_tool_change: ToolChangeSection,
+    /// The spindle.
+    pub(crate) spindle: SpindleSection,
     /// What happens to a running program when the page in control of the machine loses its link. A jog, the handwheel
     /// and reverse run always end.
     pub(crate) on_lost_control: OnLostControl,
@@ -225,6 +228,7 @@ impl Default for MachineFile {
             output: Vec::new(),
             tool_change: ToolChange::Automatic,
             manual_tool_change: ToolChangeSection::default(),
+            spindle: SpindleSection::default(),
             on_lost_control: OnLostControl::Run,
             plan: PlanMode::default(),
             axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),

@@ -91,8 +91,14 @@ pub struct BranchState {
     pub tool_offset: Pose,
     /// Position in program coordinates.
     pub position: Pose,
-    /// Feed rate in units per minute.
+    /// Feed rate in units per minute, or per turn.
     pub feed_rate: f64,
+    /// Meaning of the feed rate; `None` where it is unknown.
+    pub feed_mode: Option<FeedMode>,
+    /// Speed of the spindle in turns per minute.
+    pub spindle_speed: f64,
+    /// Whether the spindle turns; `None` where it is unknown.
+    pub spindle_turns: Option<bool>,
 }
 
 /// One canonical function.

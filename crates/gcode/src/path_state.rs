@@ -7,6 +7,7 @@ use crate::canon::BranchState;
 use crate::compensation_queue::CompensationQueue;
 use crate::loop_stack::LoopStack;
 use crate::modal::ModalState;
+use crate::modal_groups::SpindleRotation;
 use crate::params::ParameterValues;
 use crate::pose::Pose;
 use crate::tool::Tool;
@@ -144,6 +145,10 @@ impl ModalState {
             tool_offset: self.tool_offset,
             position: if is_unknown { Pose([UNKNOWN; 9]) } else { self.position },
             feed_rate: self.feed_rate,
+            feed_mode: (!self.unknown.has(UnknownModes::FEED_MODE)).then_some(self.feed_mode),
+            spindle_speed: self.spindle_speed,
+            spindle_turns: (!self.unknown.has(UnknownModes::SPINDLE))
+                .then_some(self.spindle != SpindleRotation::Stopped),
         }
     }
 

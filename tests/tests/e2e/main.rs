@@ -15,6 +15,7 @@ mod cutter;
 mod dnc;
 mod error_catalogue;
 mod feed_override;
+mod feed_per_turn;
 mod hand;
 mod heights;
 mod ignored_ok;

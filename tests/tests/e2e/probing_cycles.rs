@@ -166,6 +166,7 @@ fn a_job_that_is_stopped_in_a_cycle_is_resumed_without_asking_twice() {
 #[test]
 fn the_command_probes_and_sets_a_work_offset_on_a_card() {
     let bench = bench("");
+    bench.file("m.toml", format!("{MACHINE}slow_feed_mm_min = 200\n"));
     let machine = bench.path("m.toml").display().to_string();
     let card = ServedCard::with(&["--machine", &machine, "--work", "box=-30:30,-20:20,-20:-4.2;ball=2"]);
     let probe = |arguments: &[&str]| {

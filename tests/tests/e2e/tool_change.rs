@@ -6,7 +6,8 @@ use retrace_tests::run::Run;
 use serde_json::json;
 
 const MACHINE: &str = "tool_change = \"manual\"\n[manual_tool_change]\nposition_mm = [50, 10, 2]\n\
-    measure = \"setter\"\ntravel_mm = 80\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[probe]\nsetter_mm = [100, 90, -80]\n";
+    measure = \"setter\"\ntravel_mm = 80\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[probe]\n\
+    setter_mm = [100, 90, -80]\n";
 const WORK: &str = "box=95:105,85:95,-100:-50";
 
 fn bench(program: &str) -> Bench {

@@ -6,6 +6,7 @@
 
 mod cut_areas;
 mod entered_length;
+mod feed;
 mod jet;
 mod probing;
 mod switching;
@@ -82,7 +83,12 @@ pub(crate) struct CanonExecutor<'m> {
     rotation_deg: f64,
     /// In mm per minute, from the units in force when it was set. Under G93 the interpreter calculates it block by
     /// block.
+    /// Feed rate in force, mm/min.
     feed_mm_min: f64,
+    /// Feed per turn of the spindle (G95), mm; `None` under G93 and G94.
+    feed_mm_turn: Option<f64>,
+    /// Commanded speed of the spindle, turns per minute.
+    rpm: f64,
     path: PathMode,
     /// The sources of the path mode: the path control as programmed, and the naive CAM tolerance (G64 Q), both in mm.
     path_control: PathControl,
@@ -106,7 +112,7 @@ pub(crate) struct CanonExecutor<'m> {
     /// Where the sheet was sensed last, X and Y, and the path of the tool axis there, in mm.
     sensed_at: Option<[f64; 3]>,
     /// Whether the spindle is on.
-    spindle_turns: bool,
+    spindle_turns: Option<bool>,
     /// What the program learns of the last question, until it is taken.
     learned: Option<MachineResult>,
     /// What the contours have enclosed, where the height behind them depends on it.
@@ -130,6 +136,8 @@ impl<'m> CanonExecutor<'m> {
             rotation: (0.0, 1.0),
             rotation_deg: 0.0,
             feed_mm_min: 0.0,
+            feed_mm_turn: None,
+            rpm: 0.0,
             path: PathMode::blend(machine.blend_tolerance_mm),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naive_cam_mm: 0.0,
@@ -143,7 +151,7 @@ impl<'m> CanonExecutor<'m> {
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,
             sensed_at: None,
-            spindle_turns: false,
+            spindle_turns: Some(false),
             learned: None,
             cut_areas: machine.tool_layer().filter(|layer| layer.retracts()).map(|_| CutAreas::default()),
         }
@@ -181,7 +189,8 @@ impl<'m> CanonExecutor<'m> {
                 t.rotation_deg = *degrees;
                 t.rotation = degrees.to_radians().sin_cos();
             }),
-            Canon::SetFeedRate(feed) => self.change_state(|t| t.feed_mm_min = *feed * t.unit.millimetres()),
+            Canon::SetFeedMode(mode) => self.set_feed_mode(*mode),
+            Canon::SetFeedRate(feed) => self.change_state(|t| t.set_feed(*feed * t.unit.millimetres())),
             Canon::SetMotionControlMode(path) => self.change_state(|t| t.set_path_control(*path)),
             Canon::SetNaivecamTolerance(tolerance) => {
                 self.change_state(|t| t.set_naive_cam(tolerance * t.unit.millimetres()))
@@ -316,7 +325,7 @@ impl<'m> CanonExecutor<'m> {
         if is_rapid {
             self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
-            self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)?;
+            self.before_feed(line, sink)?;
         }
         self.layer_before_move(&own, is_rapid, line, sink)?;
         sink.straight(own, feed, self.path, line)?;
@@ -366,7 +375,7 @@ impl<'m> CanonExecutor<'m> {
             rotation: arc.turns,
             end_mm: self.machine_coordinates(&really)?,
         };
-        self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)?;
+        self.before_feed(line, sink)?;
         self.layer_before_move(&own.end_mm, false, line, sink)?;
         sink.arc(&own, self.feed(), self.path, line)?;
         self.record_move_end(position, &really);
@@ -387,7 +396,7 @@ impl<'m> CanonExecutor<'m> {
             PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(MIN_DEVIATION_MM), self.path),
             _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),
         };
-        self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)?;
+        self.before_feed(line, sink)?;
         // The mode in force is that of the spline's end; inside, a chord is not a separate block.
         let mut held = None;
         let feed = self.feed();

@@ -22,12 +22,15 @@ impl CanonExecutor<'_> {
         if probe.input.is_none() {
             return Err(CanonError::NoProbe);
         }
-        if self.cutters.is_any_lit() || self.spindle_turns && !probe.spindle_may_turn {
+        if self.cutters.is_any_lit() || self.spindle_turns == Some(true) && !probe.spindle_may_turn {
             return Err(CanonError::SpindleInProbing);
         }
         let position = self.machine_position(end);
         let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
         let own = self.machine_coordinates::<A>(&really)?;
+        if self.feed_mm_turn.is_some() {
+            return Err(CanonError::TurnFeedInProbing);
+        }
         let feed_mm_s = self.feed_mm_min / 60.0;
         let most = highest_feed_mm_s(self.machine, &self.position::<A>(), &own, probe.overtravel_mm);
         if feed_mm_s > most {

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
-use retrace_gcode::{Canon, CuttingSwitch, FeedMode};
+use retrace_gcode::{Canon, CuttingSwitch};
 use retrace_link::{LayerMove, OutputChange, channel};
 
 use super::{CanonError, CanonExecutor};
@@ -48,9 +48,10 @@ impl<'m> CanonExecutor<'m> {
             Canon::MistOff => self.switch("M9", channel::MIST, 0, line, sink),
             Canon::FloodOff => self.switch("M9", channel::FLOOD, 0, line, sink),
             // unknown values of a check
-            Canon::SetSpindleSpeed(rpm) if rpm.is_nan() => Ok(()),
+            Canon::SetSpindleSpeed(rpm) if rpm.is_nan() => self.change_state(|t| t.set_rpm(f64::NAN)),
             Canon::Dwell(seconds) if seconds.is_nan() => Ok(()),
             Canon::SetSpindleSpeed(rpm) => {
+                self.set_rpm(*rpm);
                 let thousandths = (rpm * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
                 self.set_speed("S", thousandths, line, sink)
             }
@@ -102,7 +103,6 @@ impl<'m> CanonExecutor<'m> {
             Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(CanonError::NotSupported("constant surface speed (G96)")),
             // these need a spindle whose rotation the card can follow
-            Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(CanonError::NotSupported("feed per turn (G95)")),
             Canon::StartSpeedFeedSynch { .. } => Err(CanonError::NotSupported("thread cutting (G33, G76)")),
             Canon::RigidTap(_) => Err(CanonError::NotSupported("rigid tapping (G33.1)")),
             Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
@@ -226,7 +226,7 @@ impl<'m> CanonExecutor<'m> {
         if value == 0 && cuts && pause_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
             self.dwell(pause_s, code, line, sink)?;
         }
-        self.spindle_turns = value != 0;
+        self.spindle_turns = Some(value != 0);
         if channel == channel::SPINDLE {
             return self.switch(code, channel, value, line, sink);
         }

@@ -3,7 +3,7 @@
 //! Invariant: an unknown coordinate is a NaN here too. Only sinks of a check receive one, because only a check executes
 //! a program whose answers are unknown.
 
-use retrace_gcode::{Axis, BranchStart, Pose};
+use retrace_gcode::{Axis, BranchStart, FeedMode, Pose};
 
 use super::CanonExecutor;
 use super::tool_height::LayerState;
@@ -50,7 +50,11 @@ impl CanonExecutor<'_> {
         self.tool = self.in_mm(&state.tool_offset);
         self.rotation_deg = state.rotation_degrees;
         self.rotation = state.rotation_degrees.to_radians().sin_cos();
-        self.feed_mm_min = state.feed_rate * state.units.millimetres();
+        let feed_mm = state.feed_rate * state.units.millimetres();
+        self.rpm = state.spindle_speed;
+        self.spindle_turns = state.spindle_turns;
+        self.feed_mm_turn = (state.feed_mode == Some(FeedMode::UnitsPerRevolution)).then_some(feed_mm);
+        self.set_feed(if state.feed_mode.is_none() { f64::NAN } else { feed_mm });
         let position = self.machine_position(&state.position);
         self.record_move_end(position, &position);
         self.cutters = CutterTrack::new(self.machine);

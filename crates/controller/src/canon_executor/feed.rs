@@ -1,0 +1,51 @@
+//! The feed rate: per minute, or per turn of the spindle (SPN-8).
+//!
+//! Invariant: under G95 the feed is that of the commanded speed, and no move feeds with the spindle at rest.
+
+use retrace_config::FeedPerTurn;
+use retrace_gcode::FeedMode;
+
+use super::CanonExecutor;
+use crate::canon_error::CanonError;
+use crate::motion_sink::MotionSink;
+
+impl CanonExecutor<'_> {
+    pub(super) fn set_feed_mode(&mut self, mode: FeedMode) -> Result<(), CanonError> {
+        let per_turn = mode == FeedMode::UnitsPerRevolution;
+        if per_turn && self.machine.feed_per_turn != FeedPerTurn::Commanded {
+            return Err(CanonError::TurnFeed("no card reads an encoder yet, and G95 follows one on this machine"));
+        }
+        self.feed_mm_turn = per_turn.then_some(0.0);
+        Ok(())
+    }
+
+    /// Sets the feed, in mm per minute or per turn.
+    pub(super) fn set_feed(&mut self, mm: f64) {
+        match &mut self.feed_mm_turn {
+            Some(per_turn) => {
+                *per_turn = mm;
+                self.feed_mm_min = mm * self.rpm;
+            }
+            None => self.feed_mm_min = mm,
+        }
+    }
+
+    pub(super) fn set_rpm(&mut self, rpm: f64) {
+        self.rpm = rpm;
+        if let Some(per_turn) = self.feed_mm_turn {
+            self.feed_mm_min = per_turn * rpm;
+        }
+    }
+
+    /// What precedes a feed move: the spindle turns where the feed is per turn, and the cutters are prepared.
+    pub(super) fn before_feed<const A: usize>(
+        &mut self,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        if self.feed_mm_turn.is_some() && self.spindle_turns == Some(false) {
+            return Err(CanonError::TurnFeed("a feed move at a feed per turn (G95) while the spindle is off"));
+        }
+        self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)
+    }
+}
