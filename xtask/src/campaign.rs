@@ -122,6 +122,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 30,
     },
     Campaign {
+        name: "kill-probing",
+        purpose: "a host killed at any moments of a job that probes: resumed, it ends exactly, with the same points, \
+            and no answer in its journal twice",
+        test: ["retrace-tests", "kill_probing", ""],
+        asked: BY_SEED,
+        full: 200,
+        slice: 10,
+    },
+    Campaign {
         name: "off",
         purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the \
             cutter is off outside of a cut",

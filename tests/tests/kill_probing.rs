@@ -1,0 +1,163 @@
+//! The host is killed at any moments of a job that probes: resumed, the job ends on the counts of an uninterrupted run,
+//! with the same points in its file, and every answer that is in the journal is there once (PRB-14).
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::Stdio;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::{Bench, CommandOutput, cases};
+use retrace_tests::sender::TestRandom;
+use retrace_tests::served::ServedCard;
+use serde_json::{Value, json};
+
+/// A grid of touches over two steps, an input that is read, a probing cycle that sets the offset of the last moves.
+const PROGRAM: &str = "G21 G90 F1200\n(PROBEOPEN points.txt)\n#1 = 0\nO100 while [#1 LT 9]\nG0 Z1\nG0 X[3 * #1] Y[#1]\n\
+    G38.2 Z-3\nM66 P5 L0\n#2 = [#2 + #5063 + #5399]\n#1 = [#1 + 1]\nO100 endwhile\nG0 Z2\nG38.3 Z1.5\n\
+    o<probe_surface> call [-3] [5] [2]\n(PROBECLOSE)\nG55 G1 X20 Z1.25\nG1 X[10 + #2]\nM2\n";
+const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[[card.input]]\nnumber = 5\n\
+    use = \"plain\"\n[probe]\nfeed_mm_min = 1200\nslow_feed_mm_min = 600\n";
+const WORK: &str = "box=-5:10,-5:50,-20:-1.5;box=10:50,-5:50,-20:-0.7";
+/// Questions of the program: the grid, its inputs, one without an answer in contact, two of the cycle.
+const QUESTIONS: usize = 21;
+/// Factor of the card's time over wall time.
+const SPEED: &str = "5";
+/// Number of hosts and cards at a time.
+const AT_A_TIME: usize = 3;
+/// Largest number of times that a job is resumed: a computer under load may be silent for longer than the watchdog
+/// allows.
+const TRIES: u32 = 8;
+
+/// Number of commands that were killed while they ran.
+static KILLS: AtomicU32 = AtomicU32::new(0);
+
+/// A card, and a folder for the job on it.
+struct JobPlace {
+    bench: Bench,
+    card: ServedCard,
+}
+
+/// What a job leaves.
+#[derive(Debug, PartialEq)]
+struct Left {
+    counts: Value,
+    points: String,
+    answers: usize,
+}
+
+impl JobPlace {
+    fn new() -> Self {
+        let bench = Bench::new();
+        bench.file("part.ngc", PROGRAM);
+        let machine = bench.file("machine.toml", MACHINE).display().to_string();
+        let card = ServedCard::with(&["--speed", SPEED, "--machine", &machine, "--work", WORK]);
+        Self { bench, card }
+    }
+
+    fn run(&self) -> Vec<&str> {
+        vec!["run", "part.ngc", "--card", &self.card.port, "--machine", "machine.toml", "--json"]
+    }
+
+    /// Starts the command and kills it after this time. Returns its questions that were answered.
+    fn killed(&self, arguments: &[&str], after: Duration) {
+        let mut child = self.bench.start(arguments, Stdio::null(), "killed.txt");
+        thread::sleep(after);
+        let had_ended = child.try_wait().expect("a child").is_some();
+        KILLS.fetch_add(u32::from(!had_ended), Ordering::Relaxed);
+        child.kill().expect("it is killed");
+        child.wait().expect("it ends");
+    }
+
+    fn ended(self) -> Left {
+        let journal = fs::read_dir(self.bench.path("state/retrace/jobs"))
+            .ok()
+            .and_then(|mut jobs| fs::read_to_string(jobs.next()?.ok()?.path().join("journal")).ok());
+        let points = fs::read_to_string(self.bench.path("points.txt")).unwrap_or_default();
+        let answers = journal.unwrap_or_default().matches("\"answer\":").count();
+        Left { counts: self.card.end()["counts"].clone(), points, answers }
+    }
+}
+
+fn first_seed() -> u64 {
+    std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
+}
+
+/// An uninterrupted run: its duration, and what it leaves.
+fn whole() -> (Duration, Left) {
+    for _ in 0..TRIES {
+        let (place, begun) = (JobPlace::new(), Instant::now());
+        let result = place.bench.retrace(place.run());
+        let takes = begun.elapsed();
+        if result.code == Some(0) {
+            return (takes, place.ended());
+        }
+        assert_eq!(result.code, Some(3), "{}\n{}", result.out, result.err);
+    }
+    panic!("no run came to its end")
+}
+
+/// Runs one job, killed up to three times and resumed. An error is a difference, or no answer at all.
+fn case(seed: u64, (takes, whole): &(Duration, Left)) -> Result<String, String> {
+    let mut chance = TestRandom::new(seed);
+    let mut moment = || takes.mul_f64(chance.below(1 << 20) as f64 / f64::from(1 << 20));
+    let moments = [moment(), moment(), moment()];
+    let times = 1 + chance.below(3);
+    let place = JobPlace::new();
+    place.killed(&place.run(), moments[0]);
+    for after in &moments[1..times] {
+        place.killed(&["resume", "--yes", "--json"], *after);
+    }
+    let resume = || place.bench.retrace(["resume", "--yes", "--json"]);
+    let mut result = resume();
+    for _ in 0..TRIES {
+        // An alarm of the watchdog under load, or a killed process that holds the folder for a moment.
+        if result.code != Some(3) && !result.err.contains("E2206") {
+            break;
+        }
+        result = resume();
+    }
+    let told = |result: &CommandOutput| format!("{}\n{}", result.out.lines().last().unwrap_or_default(), result.err);
+    let detail = format!("seed {seed}, killed at {:?}: {}", &moments[..times], told(&result));
+    let left = place.ended();
+    match result.code {
+        Some(0) if left == *whole => Ok("completed".into()),
+        Some(2) if result.err.contains("E2209") && left == *whole => Ok("had come to its end".into()),
+        Some(2) if result.err.contains("E2209") && left.counts == json!([0, 0, 0]) && left.answers == 0 => {
+            Ok("refused with E2209, nothing had moved".into())
+        }
+        _ => Err(format!("{detail}\n{left:?}\nand not {whole:?}")),
+    }
+}
+
+#[test]
+fn a_host_that_is_killed_while_it_probes_asks_nothing_twice_and_ends_exactly() {
+    let whole = whole();
+    assert_eq!((whole.1.answers, whole.1.points.lines().count()), (QUESTIONS, 11), "{whole:?}");
+    let (next, of, begun) = (AtomicU32::new(0), cases(3), Instant::now());
+    let counted: Mutex<BTreeMap<String, u32>> = Mutex::new(BTreeMap::new());
+    let wrong = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..AT_A_TIME {
+            scope.spawn(|| {
+                while let number = next.fetch_add(1, Ordering::Relaxed)
+                    && number < of
+                {
+                    match case(first_seed() + u64::from(number), &whole) {
+                        Ok(what) => *counted.lock().expect("no panic").entry(what).or_default() += 1,
+                        Err(what) => {
+                            println!("WRONG {what}");
+                            wrong.lock().expect("no panic").push(what);
+                        }
+                    }
+                }
+            });
+        }
+    });
+    let kills = KILLS.load(Ordering::Relaxed);
+    println!("{of} jobs, {kills} kills in {:.0} s: {counted:?}", begun.elapsed().as_secs_f64());
+    let wrong = wrong.into_inner().expect("no panic");
+    assert!(wrong.is_empty(), "{} of {of} differ:\n{}", wrong.len(), wrong.join("\n\n"));
+}
