@@ -18,8 +18,8 @@ use serde_json::{Value, json};
 const PROGRAM: &str = "G21 G90 F1200\n(PROBEOPEN points.txt)\n#1 = 0\nO100 while [#1 LT 9]\nG0 Z1\nG0 X[3 * #1] Y[#1]\n\
     G38.2 Z-3\nM66 P5 L0\n#2 = [#2 + #5063 + #5399]\n#1 = [#1 + 1]\nO100 endwhile\nG0 Z2\nG38.3 Z1.5\n\
     o<probe_surface> call [-3] [5] [2]\n(PROBECLOSE)\nG55 G1 X20 Z1.25\nG1 X[10 + #2]\nM2\n";
-const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[[card.input]]\nnumber = 5\n\
-    use = \"plain\"\n[probe]\nfeed_mm_min = 1200\nslow_feed_mm_min = 600\n";
+const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[[card.input]]\n\
+    number = 5\nuse = \"plain\"\n[probe]\nfeed_mm_min = 1200\nslow_feed_mm_min = 600\n";
 const WORK: &str = "box=-5:10,-5:50,-20:-1.5;box=10:50,-5:50,-20:-0.7";
 /// Questions of the program: the grid, its inputs, one without an answer in contact, two of the cycle.
 const QUESTIONS: usize = 21;

@@ -76,7 +76,7 @@ pub use material::{FIRST_TEMPORARY_MATERIAL, MaterialConfig, MaterialUnits};
 pub use material_table::MaterialTable;
 pub use numbered_error::{NumberedError, nearest};
 pub use plan_mode::PlanMode;
-pub use probe_config::ProbeConfig;
+pub use probe_config::{AfterTouch, ProbeConfig};
 pub use rate_limits::{IN_FLIGHT_RECORDS, StoppingTimes};
 pub use serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use sheet_sensing::{SheetSensing, TipUp, ToolLayer};

@@ -21,6 +21,17 @@ enum SpindleInProbing {
     MayTurn,
 }
 
+/// Where the machine is at rest behind a probing move that was answered (PRB-5).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterTouch {
+    /// Where it came to rest, a little beyond the touch.
+    #[default]
+    Stay,
+    /// On the touch: it goes back there at the feed of the move.
+    Back,
+}
+
 /// Probing, `[probe]`.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -33,6 +44,8 @@ pub(crate) struct ProbeSection {
     guard: bool,
     /// Whether the spindle may turn in a probing move.
     spindle: SpindleInProbing,
+    /// Where the machine is at rest behind a probing move that was answered.
+    after: AfterTouch,
     /// Effective diameter of the ball of the probe in mm, 0 for a point: `retrace probe calibrate` measures it. Without
     /// it, the probing cycles measure along the tool axis only.
     ball_mm: Option<f64>,
@@ -55,6 +68,7 @@ impl Default for ProbeSection {
             overtravel_mm: 5.0,
             guard: true,
             spindle: SpindleInProbing::Off,
+            after: AfterTouch::Stay,
             ball_mm: None,
             feed_mm_min: 300.0,
             slow_feed_mm_min: None,
@@ -76,6 +90,8 @@ pub struct ProbeConfig {
     pub overtravel_mm: f64,
     /// Whether the spindle may turn in a probing move.
     pub spindle_may_turn: bool,
+    /// Where the machine is at rest behind a probing move that was answered.
+    pub after: AfterTouch,
     /// Effective diameter of the ball of the probe, mm.
     pub ball_mm: Option<f64>,
     /// Feed of the first touch of a probing cycle, mm/min.
@@ -114,6 +130,7 @@ impl ProbeSection {
             filter_periods: (self.filter_us / f64::from(period_us)).ceil() as u16,
             overtravel_mm: self.overtravel_mm,
             spindle_may_turn: self.spindle == SpindleInProbing::MayTurn,
+            after: self.after,
             ball_mm: self.ball_mm,
             feed_mm_min: self.feed_mm_min,
             slow_feed_mm_min,

@@ -318,6 +318,24 @@ fn a_message_behind_the_last_motion_is_printed() {
 }
 
 #[test]
+fn the_machine_returns_to_the_touch_where_it_is_told_to() {
+    let program = "G21 G90 F600\nG1 X2\nG38.2 X3 Z-10\n(print,#5061 #5063 #5420 #5422)\nG38.5 Z0\n\
+        (print,#5063 #5422)\nG38.3 Z-1\n(print,#5063 #5422 #5070)\nM2\n";
+    let bench = bench(&format!("{PROBE}[probe]\nafter = \"back\"\n"), program);
+    for script in ["", "at line 6 reverse 100%\nafter 9s leave\n"] {
+        let run = run(&bench, PLANE, script);
+        assert_eq!(run.output.code, Some(0), "{}{}", run.output.out, run.output.err);
+        let found = messages(&run.output);
+        let numbers: Vec<&str> = found[0].split(' ').collect();
+        assert_eq!(numbers[..2], numbers[2..], "{found:?}");
+        // Out of the contact it is on the first pulse without; then it ends without a touch.
+        assert_eq!(found[1..], ["-5.431000 -5.431000", "-1.000000 -1.000000 0.000000"], "{found:?}");
+        assert_eq!(run.counts()[2], -1000);
+        assert!(run.output.out.contains("\"limit_violations\":0"), "{}", run.output.out);
+    }
+}
+
+#[test]
 fn the_example_finds_the_corner_of_its_plate() {
     let bench = bench(PROBE, "");
     let program = retrace_tests::command::root().join("examples/probing/touch-off.ngc").display().to_string();

@@ -2,7 +2,10 @@
 //!
 //! Invariant: behind a probing move that the machine has answered, the position is where it came to rest.
 
+use retrace_config::AfterTouch;
 use retrace_gcode::{Axis, Pose, Probing, WaitFor, WaitForInput, WaitInput};
+
+use retrace_motion::{FeedRate, PathMode};
 
 use super::CanonExecutor;
 use crate::canon_error::CanonError;
@@ -41,7 +44,11 @@ impl CanonExecutor<'_> {
             self.forget_probed(&position, sink);
             return Ok(());
         };
-        let ProbeOutcome { touch_mm, rest_mm, touched } = outcome;
+        let ProbeOutcome { touch_mm, mut rest_mm, touched } = outcome;
+        if touched && probe.after == AfterTouch::Back {
+            sink.straight(touch_mm, FeedRate::PerSecond(feed_mm_s), PathMode::ExactStop, line)?;
+            rest_mm = touch_mm;
+        }
         // What the program calls the position differs from the machine's where a tool length was entered.
         let (mut touch, mut rest, mut rest_really) = (position, position, really);
         for (index, &axis) in self.axes.iter().enumerate().take(A) {
