@@ -115,16 +115,18 @@ fn case(seed: u64, (takes, whole): &(Duration, Left)) -> Result<String, String> 
         place.killed(&["resume", "--yes", "--json"], *after);
     }
     let resume = || place.bench.retrace(["resume", "--yes", "--json"]);
-    let mut result = resume();
+    let (mut result, mut alarms) = (resume(), Vec::new());
     for _ in 0..TRIES {
         // An alarm of the watchdog under load, or a killed process that holds the folder for a moment.
         if result.code != Some(3) && !result.err.contains("E2206") {
             break;
         }
+        let line = |kind: &str| result.out.lines().find(|line| line.contains(kind)).unwrap_or_default().to_owned();
+        alarms.push(line("\"event\":\"alarm\""));
         result = resume();
     }
     let told = |result: &CommandOutput| format!("{}\n{}", result.out.lines().last().unwrap_or_default(), result.err);
-    let detail = format!("seed {seed}, killed at {:?}: {}", &moments[..times], told(&result));
+    let detail = format!("seed {seed}, killed at {:?}, {alarms:?}: {}", &moments[..times], told(&result));
     let left = place.ended();
     match result.code {
         Some(0) if left == *whole => Ok("completed".into()),
