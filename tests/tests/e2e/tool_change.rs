@@ -51,6 +51,21 @@ fn m6_goes_to_its_position_waits_and_measures_the_tool() {
     assert_eq!(across.counts[2], 2000);
 }
 
+/// The tool is put in where there is room for it: a pause at the prompt, jogs, and the way back.
+#[test]
+fn the_axes_are_jogged_at_the_prompt_and_brought_back() {
+    let bench = bench("G21 G90 F1800\nG1 X10\nT0 M6\nG1 X20\nM2\n");
+    let machine = bench.path("m.toml").display().to_string();
+    let script = "after 5s pause\nafter 1s jog x 5\nafter 2s jog z 10\nafter 2s online\nafter 1s cycle start\n\
+        after 3s cycle start\n";
+    let operator = bench.file("s.op", script).display().to_string();
+    let run = Run::of(&bench, &bench.path("part.ngc"), &["--machine", &machine, "--operator", &operator]);
+    run.assert_exact_and_legal();
+    let change = run.of_kind("tool_change").next().expect("it asks");
+    assert_eq!((change["tool"].clone(), run.counts()), (json!(0), vec![20_000, 10_000, 2000]));
+    assert!(run.output.out.contains("[5000,0,10000]"), "{}", run.output.out);
+}
+
 #[test]
 fn what_m6_cannot_do_is_refused_before_anything_moves() {
     for block in ["T1 M6 G43 H1", "M6 X5", "M6 M3", "T1 M6 G[1 + 1]"] {
