@@ -98,7 +98,7 @@ impl ModalContext {
             let setup = Setup { position: position(machine), answers, ..self.setup.clone() };
             let setup = setup.continuing(&self.modal_snapshot);
             let program = Program::mdi(text, setup).map_err(|found| rendered(&found, text))?;
-            Ok::<_, Vec<String>>(MdiBlock { text: text.to_owned(), program, left: None, moves: false })
+            Ok::<_, Vec<String>>(MdiBlock { program, left: None, moves: false })
         };
         let mut looked_at = begin(Answers::Unknown)?;
         let (_, findings, scan) = job::check_program::<9>(machine, &mut looked_at);
@@ -138,7 +138,6 @@ fn rendered(found: &[Diagnostic], text: &str) -> Vec<String> {
 /// An MDI block, checked and ready to run as a program.
 #[derive(Debug)]
 pub struct MdiBlock {
-    text: String,
     program: Program<&'static [u8]>,
     left: Option<MdiResult>,
     moves: bool,
@@ -162,6 +161,10 @@ impl MdiBlock {
 }
 
 impl BlockDecoder for MdiBlock {
+    fn active(&self) -> Option<ActiveCodes> {
+        Some(self.program.interpreter().state().into())
+    }
+
     fn resolve(&mut self, result: &MachineResult) {
         let interpreter = self.program.interpreter_mut();
         match result {
@@ -181,8 +184,9 @@ impl BlockDecoder for MdiBlock {
                 DecodedBlock::End
             }
             Progress::BlockError => {
-                let found = self.program.interpreter().diagnostics();
-                DecodedBlock::BlockError(rendered(found, &self.text).pop().unwrap_or_default())
+                let found = self.program.interpreter().diagnostics().iter().rev();
+                let error = found.clone().find(|found| found.severity() == Severity::Error);
+                DecodedBlock::BlockError(error.map_or_else(String::new, |error| self.program.render(error, "MDI")))
             }
         }
     }
@@ -217,6 +221,24 @@ mod tests {
         let state = program.state();
         assert_eq!(state.position, Pose::xyz(6.0, 0.0, 3.0));
         assert_eq!((state.current_tool, state.distance), (1, retrace_gcode::DistanceMode::Absolute));
+    }
+
+    /// A spindle that an earlier block has started is not forgotten by the next one.
+    #[test]
+    fn a_spindle_that_turns_is_known_to_the_next_block() {
+        let probe = "[[card.input]]\nnumber = 0\nuse = \"probe\"\n[spindle]\nfeed_per_turn = \"commanded\"\n";
+        let machine = MachineConfig::parse(probe, "m").expect("valid");
+        let mut context = ModalContext::new(interpreter_setup(&machine));
+        let machine = done(&mut context, &machine, "G95 F1 S60 M3");
+        context.block(&machine, "G1 X1").expect("the spindle turns");
+        let machine = done(&mut context, &machine, "G94 F60");
+        let refused = context.block(&machine, "G38.2 Z-1").expect_err("the spindle turns");
+        assert!(refused.iter().any(|text| text.contains("E4312")), "{refused:?}");
+        let machine = done(&mut context, &machine, "M5");
+        context.block(&machine, "G38.2 Z-1").expect("the spindle is off");
+        let machine = done(&mut context, &machine, "G95 F1");
+        let refused = context.block(&machine, "G1 X1").expect_err("the spindle is off");
+        assert!(refused.iter().any(|text| text.contains("E4315")), "{refused:?}");
     }
 
     #[test]

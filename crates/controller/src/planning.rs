@@ -34,7 +34,7 @@ pub(crate) fn plan<const A: usize>(
     let skipped = start.map(|(start, contours)| (start, SkippedBlocks::new(*plan_writer.outputs(), machine, contours)));
     PlanningThread {
         machine,
-        executor: CanonExecutor::new(machine),
+        executor: CanonExecutor::new(machine).with_outputs(plan_writer.outputs()),
         skipped,
         plan_writer,
         answers,

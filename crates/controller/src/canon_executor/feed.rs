@@ -3,13 +3,28 @@
 //! Invariant: under G95 the feed is that of the commanded speed, and no move feeds with the spindle at rest.
 
 use retrace_config::FeedPerTurn;
-use retrace_gcode::FeedMode;
+use retrace_gcode::{ActiveCodes, FeedMode, SpindleRotation};
+use retrace_link::{Outputs, channel};
 
 use super::CanonExecutor;
 use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
 
 impl CanonExecutor<'_> {
+    /// Begins with what the card has switched on: an earlier MDI block may have started the spindle.
+    #[must_use]
+    pub(crate) fn with_outputs(self, outputs: &Outputs) -> Self {
+        let [spindle, speed] = [channel::SPINDLE, channel::SPEED].map(|channel| outputs[usize::from(channel)]);
+        Self { spindle_turns: Some(spindle != 0), rpm: f64::from(speed) / 1000.0, ..self }
+    }
+
+    /// Begins with the modes of the program before its first block.
+    #[must_use]
+    pub(crate) fn with_codes(self, codes: &ActiveCodes) -> Self {
+        let rpm = if codes.constant_surface_speed { f64::NAN } else { codes.spindle_speed };
+        Self { spindle_turns: Some(codes.spindle != SpindleRotation::Stopped), rpm, ..self }
+    }
+
     pub(super) fn set_feed_mode(&mut self, mode: FeedMode) -> Result<(), CanonError> {
         let per_turn = mode == FeedMode::UnitsPerRevolution;
         if per_turn && self.machine.feed_per_turn != FeedPerTurn::Commanded {
