@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 pub mod browser;
+pub mod case_runner;
 pub mod command;
 pub mod cut_judge;
 pub mod cut_part;

@@ -1,15 +1,14 @@
 //! The host is killed at any moment of a job: resumed, the job ends on the counts of an uninterrupted run, with every
 //! instruction executed once, or it is refused with the reason. There is never a silent difference.
 
-use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::process::Stdio;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, CommandOutput, cases};
+use retrace_tests::case_runner::run_cases;
+use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::sender::TestRandom;
 use retrace_tests::served::ServedCard;
 use retrace_tests::trace::{Switched, piped};
@@ -37,11 +36,6 @@ const AT_A_TIME: usize = 3;
 /// Largest number of times that a job is resumed where it ends in an alarm: a computer under load may be silent for
 /// longer than the watchdog allows.
 const TRIES: u32 = 6;
-
-/// The seed of the campaign.
-fn first_seed() -> u64 {
-    std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
-}
 
 /// How a job is started.
 #[derive(Clone, Copy, Debug)]
@@ -216,12 +210,6 @@ fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
     }
 }
 
-/// Results of the jobs so far.
-fn summary(jobs: u32, begun: Instant, counted: &Mutex<BTreeMap<String, u32>>) -> String {
-    let (kills, counted) = (KILLS.load(Ordering::Relaxed), counted.lock().expect("no panic"));
-    format!("{jobs} jobs, {kills} kills in {:.0} s: {counted:?}", begun.elapsed().as_secs_f64())
-}
-
 /// Whether every instruction is executed once, in order, up to the same one.
 fn in_order(is: &Switched, whole: &Switched) -> bool {
     is.executed.is_sorted() && is.executed.last() == whole.executed.last()
@@ -235,30 +223,5 @@ fn a_host_that_is_killed_at_any_moment_leaves_a_job_that_goes_on_exactly() {
     });
     let [plain, operated] = &wholes;
     assert_eq!(plain.switched.outputs, operated.switched.outputs, "operator and stream change nothing");
-    let (next, of, begun) = (AtomicU32::new(0), cases(3), Instant::now());
-    let counted: Mutex<BTreeMap<String, u32>> = Mutex::new(BTreeMap::new());
-    let wrong = Mutex::new(Vec::new());
-    thread::scope(|scope| {
-        for _ in 0..AT_A_TIME {
-            scope.spawn(|| {
-                while let number = next.fetch_add(1, Ordering::Relaxed)
-                    && number < of
-                {
-                    match case(first_seed() + u64::from(number), &wholes) {
-                        Ok(what) => *counted.lock().expect("no panic").entry(what).or_default() += 1,
-                        Err(what) => {
-                            println!("WRONG {what}");
-                            wrong.lock().expect("no panic").push(what);
-                        }
-                    }
-                    if number % 20 == 19 {
-                        println!("{}", summary(number + 1, begun, &counted));
-                    }
-                }
-            });
-        }
-    });
-    println!("{}", summary(of, begun, &counted));
-    let wrong = wrong.into_inner().expect("no panic");
-    assert!(wrong.is_empty(), "{} of {of} differ:\n{}", wrong.len(), wrong.join("\n\n"));
+    run_cases(3, AT_A_TIME, |seed| case(seed, &wholes), || format!("{} kills", KILLS.load(Ordering::Relaxed)));
 }

@@ -1,15 +1,14 @@
 //! The host is killed at any moments of a job that probes: resumed, the job ends on the counts of an uninterrupted run,
 //! with the same points in its file, and every answer that is in the journal is there once (PRB-14).
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::process::Stdio;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, CommandOutput, cases};
+use retrace_tests::case_runner::run_cases;
+use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::sender::TestRandom;
 use retrace_tests::served::ServedCard;
 use serde_json::{Value, json};
@@ -19,7 +18,7 @@ const PROGRAM: &str = "G21 G90 F1200\n(PROBEOPEN points.txt)\n#1 = 0\nO100 while
     G38.2 Z-3\nM66 P5 L0\n#2 = [#2 + #5063 + #5399]\n#1 = [#1 + 1]\nO100 endwhile\nG0 Z2\nG38.3 Z1.5\n\
     o<probe_surface> call [-3] [5] [2]\n(PROBECLOSE)\nG55 G1 X20 Z1.25\nG1 X[10 + #2]\nM2\n";
 const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[[card.input]]\n\
-    number = 5\nuse = \"plain\"\n[probe]\nfeed_mm_min = 1200\nslow_feed_mm_min = 600\n";
+    number = 5\nuse = \"plain\"\n[probe]\nfeed_mm_per_min = 1200\nslow_feed_mm_per_min = 600\n";
 const WORK: &str = "box=-5:10,-5:50,-20:-1.5;box=10:50,-5:50,-20:-0.7";
 /// Questions of the program: the grid, its inputs, one without an answer in contact, two of the cycle.
 const QUESTIONS: usize = 21;
@@ -61,7 +60,7 @@ impl JobPlace {
         vec!["run", "part.ngc", "--card", &self.card.port, "--machine", "machine.toml", "--json"]
     }
 
-    /// Starts the command and kills it after this time. Returns its questions that were answered.
+    /// Starts the command and kills it after this time.
     fn killed(&self, arguments: &[&str], after: Duration) {
         let mut child = self.bench.start(arguments, Stdio::null(), "killed.txt");
         thread::sleep(after);
@@ -83,10 +82,6 @@ impl JobPlace {
 
 fn has_not_moved(left: &Left) -> bool {
     left.answers == 0 && left.counts.as_array().is_some_and(|counts| counts.iter().all(|count| *count == json!(0)))
-}
-
-fn first_seed() -> u64 {
-    std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
 /// An uninterrupted run: its duration, and what it leaves.
@@ -142,28 +137,5 @@ fn case(seed: u64, (takes, whole): &(Duration, Left)) -> Result<String, String> 
 fn a_host_that_is_killed_while_it_probes_asks_nothing_twice_and_ends_exactly() {
     let whole = whole();
     assert_eq!((whole.1.answers, whole.1.points.lines().count()), (QUESTIONS, 11), "{whole:?}");
-    let (next, of, begun) = (AtomicU32::new(0), cases(3), Instant::now());
-    let counted: Mutex<BTreeMap<String, u32>> = Mutex::new(BTreeMap::new());
-    let wrong = Mutex::new(Vec::new());
-    thread::scope(|scope| {
-        for _ in 0..AT_A_TIME {
-            scope.spawn(|| {
-                while let number = next.fetch_add(1, Ordering::Relaxed)
-                    && number < of
-                {
-                    match case(first_seed() + u64::from(number), &whole) {
-                        Ok(what) => *counted.lock().expect("no panic").entry(what).or_default() += 1,
-                        Err(what) => {
-                            println!("WRONG {what}");
-                            wrong.lock().expect("no panic").push(what);
-                        }
-                    }
-                }
-            });
-        }
-    });
-    let kills = KILLS.load(Ordering::Relaxed);
-    println!("{of} jobs, {kills} kills in {:.0} s: {counted:?}", begun.elapsed().as_secs_f64());
-    let wrong = wrong.into_inner().expect("no panic");
-    assert!(wrong.is_empty(), "{} of {of} differ:\n{}", wrong.len(), wrong.join("\n\n"));
+    run_cases(3, AT_A_TIME, |seed| case(seed, &whole), || format!("{} kills", KILLS.load(Ordering::Relaxed)));
 }
