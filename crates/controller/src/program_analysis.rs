@@ -311,8 +311,9 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     }
 
     fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
-        let centre_is_known = arc.centre_mm.iter().all(|mm| !mm.is_nan());
-        if !self.begin_move(&arc.end_mm, feed) || !centre_is_known {
+        if has_unknown(&arc.centre_mm) || !self.begin_move(&arc.end_mm, feed) {
+            self.rest();
+            self.is_time_partial = true;
             return self.scan.arc(arc, feed, mode, line);
         }
         self.planner.arc(arc, feed, mode, line)?;

@@ -350,8 +350,8 @@ retrace_cycles::error_codes! {
         "Read the text of the comment.";
     ToolChangeNotAlone "E1737" "tool change with other words"
         "The operator changes the tool at a position of its own, or it is measured behind the change: M6 is a call of \
-        the subprogram tool_change, which cannot have more in its block than T, F and S."
-        "Write the other words in the next block.";
+        the subprogram tool_change, which cannot have more in its block than T, F and S, nor a calculated number."
+        "Write M6, and the other words in the next block.";
     PythonComment "E1729" "Python in a comment"
         "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC; retrace does not run Python."
         "Remove the comment.";

@@ -283,9 +283,9 @@ impl<R: BufRead> Program<R> {
         } else if self.interpreter.is_turning() {
             self.draw_profile()?;
         }
-        let calls = self.calls_tool_change
-            && !self.flow.is_in(&Label::Name(TOOL_CHANGE.into()))
-            && self.interpreter.reader_mut().block.take_tool_change()?;
+        let is_call = self.calls_tool_change && !self.flow.is_in(&Label::Name(TOOL_CHANGE.into()));
+        self.interpreter.set_calls_tool_change(is_call);
+        let calls = is_call && self.interpreter.reader_mut().block.take_tool_change()?;
         let flow = self.interpreter.execute_block(steps)?;
         if calls {
             self.flow.call_tool_change(&mut self.interpreter)?;

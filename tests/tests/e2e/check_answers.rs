@@ -1,6 +1,6 @@
 //! `retrace check` of programs that ask the machine (PRB-17 … PRB-19).
 
-use retrace_tests::command::Bench;
+use retrace_tests::command::{Bench, root};
 use serde_json::Value;
 
 #[test]
@@ -50,6 +50,18 @@ fn a_reference_point_that_was_never_set_is_unknown_without_a_parameter_file() {
     bench.file("params.var", "5181 0\n");
     let result = bench.retrace(["check", "g.ngc", "--params", "params.var"]);
     assert!(result.code == Some(1) && result.err.contains("E1719"), "{}", result.err);
+}
+
+#[test]
+fn a_material_that_is_declared_behind_a_question_is_known() {
+    let bench = Bench::new();
+    let example = |name: &str| std::fs::read_to_string(root().join("examples/plasma").join(name)).expect("an example");
+    bench.file("metric-materials.toml", example("metric-materials.toml"));
+    bench.file("m.toml", example("metric.toml") + "\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n");
+    let text = "G21 G90 F100\nG38.3 X5\n(o=1, nu=77, na=x, ph=4, pd=0.5, ch=2, fr=1000)\nM190 P77\nM2\n";
+    bench.file("p.ngc", text);
+    let result = bench.retrace(["check", "p.ngc", "--machine", "m.toml"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
 }
 
 /// Seconds of motion, and whether they are the least possible ones.

@@ -317,6 +317,19 @@ fn a_message_behind_the_last_motion_is_printed() {
     }
 }
 
+/// Planning again begins with the outputs of the job's begin, not with those of its breakpoint.
+#[test]
+fn a_job_that_has_probed_and_runs_its_spindle_is_resumed() {
+    let program = "G21 G90 F600\nG38.2 Z-10\nM3 S1000\nG1 X20 Z2\nX40\nM5\nG38.2 Z-10\nG0 Z2\nM2\n";
+    let bench = bench(PROBE, program);
+    bench.file("stop.op", "at line 5 stop\n");
+    let run = ["run", "part.ngc", "--machine", "m.toml", "--work", PLANE, "--json", "--operator", "stop.op"];
+    assert_eq!(bench.retrace(run).code, Some(4));
+    let resumed = bench.retrace(["resume", "--yes", "--json", "--work", PLANE]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(events(&resumed, "probed").len(), 1, "{}", resumed.out);
+}
+
 #[test]
 fn the_machine_returns_to_the_touch_where_it_is_told_to() {
     let program = "G21 G90 F600\nG1 X2\nG38.2 X3 Z-10\n(print,#5061 #5063 #5420 #5422)\nG38.5 Z0\n\

@@ -68,7 +68,7 @@ fn the_axes_are_jogged_at_the_prompt_and_brought_back() {
 
 #[test]
 fn what_m6_cannot_do_is_refused_before_anything_moves() {
-    for block in ["T1 M6 G43 H1", "M6 X5", "M6 M3", "T1 M6 G[1 + 1]"] {
+    for block in ["T1 M6 G43 H1", "M6 X5", "M6 M3", "T1 M6 G[1 + 1]", "M[3 + 3]"] {
         let bench = bench(&format!("G21 G90 F1800\nG1 X1\n{block}\nM2\n"));
         let result = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--json"]);
         assert!(result.code == Some(1) && result.err.contains("E1737"), "{block}: {}", result.err);

@@ -3,7 +3,7 @@
 //! Invariant: none of it has an effect on a machine without a material table.
 
 use super::block_motion::{AXES, BlockMotion};
-use super::interpreter_core::{Core, Emitter};
+use super::interpreter_core::{BlockEnvironment, Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, CanonStep, WaitFor, WaitInput};
 use crate::canon_modes::Plane;
@@ -16,6 +16,8 @@ use crate::groups::{GroupG, GroupM};
 use crate::material::{FIRST_TEMPORARY_MATERIAL, Material};
 use crate::material_comment::{Declaration, MaterialComment};
 use crate::modal_groups::{MotionMode, SpindleRotation};
+use crate::params::SHOW_DEBUG;
+use crate::parse::LineReader;
 use std::sync::Arc;
 
 /// M190: selects a material.
@@ -30,6 +32,21 @@ const SPOTTING_TORCH: i32 = 2;
 const FEED_DIFFERENCE: f64 = 1.0;
 
 impl Core {
+    /// Executes the comment of the block in `reader`, if it has one.
+    pub(super) fn emit_comment(&mut self, reader: &LineReader, line: u32, emit: &mut Emitter<'_>) -> BlockResult<()> {
+        let Some(comment) = &reader.block.comment else { return Ok(()) };
+        let environment = BlockEnvironment { core: self, names: &reader.names, line };
+        let show_debug = self.parameters.get(SHOW_DEBUG) > 0.0;
+        if let Some(canon) = comment.canon(&environment, show_debug)? {
+            emit.call(canon);
+        }
+        if let Comment::Material(material) = comment {
+            self.declare_material(material, emit)?;
+        }
+        self.check_material_comment(comment, emit);
+        Ok(())
+    }
+
     /// Takes over the material table before the first block.
     pub(crate) fn begin_cutting(&mut self) {
         let Some(setup) = &self.cutting else { return };

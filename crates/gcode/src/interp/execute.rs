@@ -111,6 +111,13 @@ impl Core {
             self.port(code, words, emit)?;
         }
         match words.m(GroupM::Tool) {
+            Some(6) if self.calls_tool_change => {
+                return fault(
+                    ErrorCode::ToolChangeNotAlone,
+                    words.m_span(GroupM::Tool),
+                    "the number of M6 is calculated",
+                );
+            }
             Some(6) => self.change_tool(emit),
             Some(_) => self.rename_tool(words, emit)?,
             None => {}

@@ -40,6 +40,8 @@ pub(crate) struct Core {
     pub(crate) spindle_use: SpindleUse,
     /// Whether answers of the machine are unknown, and what depends on them.
     pub(super) follows_unknown: bool,
+    /// Whether M6 is the call of a subprogram, which is made before a block is executed.
+    pub(super) calls_tool_change: bool,
     /// Profile that the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
 }

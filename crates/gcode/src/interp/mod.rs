@@ -39,7 +39,6 @@ use self::interpreter_core::{BlockEnvironment, Emitter};
 use crate::block::{Assignment, Words, letters};
 use crate::block_number::BlockNumber;
 use crate::canon::{Canon, CanonStep};
-use crate::comment::Comment;
 use crate::compensation_queue::CompensationQueue;
 use crate::compiled_code::CompiledCode as CompiledLines;
 use crate::control::{Control, Keyword, MAX_ARGUMENTS};
@@ -50,7 +49,7 @@ use crate::groups::GroupG;
 use crate::modal::ModalState;
 use crate::modal_groups::MotionMode;
 use crate::modal_snapshot::ModalSnapshot;
-use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
+use crate::params::{Frame, Names, Parameters};
 use crate::parse::LineReader;
 use crate::pose::Pose;
 use crate::setup::{Answers, Setup};
@@ -143,6 +142,7 @@ impl Interpreter {
             cutting,
             spindle_use,
             follows_unknown,
+            calls_tool_change: false,
             profile: None,
         };
         if follows_unknown {
@@ -405,17 +405,7 @@ impl Interpreter {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.step_line, self.reader.block.number);
         let mut emit = Emitter { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
-        if let Some(comment) = &self.reader.block.comment {
-            let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
-            let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
-            if let Some(canon) = comment.canon(&environment, show_debug)? {
-                emit.call(canon);
-            }
-            if let Comment::Material(material) = comment {
-                self.core.declare_material(material, &mut emit)?;
-            }
-            self.core.check_material_comment(comment, &mut emit);
-        }
+        self.core.emit_comment(&self.reader, self.line, &mut emit)?;
         let moves = matches!(motion, block_motion::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
         let first = emit.steps.len();
         let before = self.core.state.position;
@@ -541,6 +531,11 @@ impl Interpreter {
     /// Returns file and line of the current line.
     pub(crate) fn current_line(&self) -> (u16, u32) {
         (self.file, self.line)
+    }
+
+    /// Sets whether M6 is the call of a subprogram: one whose number is calculated is refused then.
+    pub(crate) fn set_calls_tool_change(&mut self, calls: bool) {
+        self.core.calls_tool_change = calls;
     }
 
     /// Returns the names of parameters.

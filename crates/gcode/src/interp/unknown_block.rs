@@ -6,7 +6,7 @@
 use super::ProgramFlow;
 use super::block_motion::{AXES, BlockMotion};
 use super::check;
-use super::interpreter_core::{BlockEnvironment, Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::{Words, letters};
 use crate::canon::{BranchStart, Canon, CanonStep};
 use crate::canon_modes::FeedMode;
@@ -15,7 +15,7 @@ use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, GroupM};
 use crate::loop_stack::LoopStack;
 use crate::modal_groups::{DistanceMode, MotionMode};
-use crate::params::{G28_HOME, SHOW_DEBUG};
+use crate::params::G28_HOME;
 use crate::path_state::PathState;
 use crate::pose::{Axis, Pose};
 use crate::unknown::{UNKNOWN, UnknownModes};
@@ -136,13 +136,7 @@ impl super::Interpreter {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.step_line, self.reader.block.number);
         let mut emit = Emitter { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
-        if let Some(comment) = &self.reader.block.comment {
-            let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
-            let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
-            if let Some(canon) = comment.canon(&environment, show_debug)? {
-                emit.call(canon);
-            }
-        }
+        self.core.emit_comment(&self.reader, self.line, &mut emit)?;
         let flow = match motion {
             Ok(motion) => self.core.execute(&words, motion, &mut emit),
             Err(motion) => self.core.execute_unknown_motion(&words, motion, &mut emit),
