@@ -91,7 +91,7 @@ fn main() -> ExitCode {
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args.block, &args.options),
-        Command::Probe(cycle) => probe::run(&cycle),
+        Command::Probe(args) => probe::run(&args),
         Command::Machine(args) => machine::run(&args),
         Command::Materials(args) => materials::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),

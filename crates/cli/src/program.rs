@@ -10,7 +10,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
 use retrace_controller::{BlockDecoder, ContourList, DecodedBlock, SourceStatus, interpreter_setup};
 use retrace_gcode::cycles::CycleLibrary;
-use retrace_gcode::{Answers, Ini, Material, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
+use retrace_gcode::{
+    Answers, Ini, Material, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable, shipped_subprograms,
+};
 use retrace_journal::{FileHash, FileRole, ReadFile};
 
 use crate::args::Reading;
@@ -460,7 +462,7 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<ReadFile>) 
     Ok(has_tool_lengths)
 }
 
-/// Sources of the cycles that can be called: each of the user's, and the built-in ones together.
+/// Sources of the cycles that can be called: each of the user's, and the built-in ones with the shipped subprograms.
 fn cycle_source_files(library: &CycleLibrary) -> Vec<ReadFile> {
     let file = |path: String, number: u128| ReadFile {
         role: FileRole::Cycles,
@@ -468,7 +470,11 @@ fn cycle_source_files(library: &CycleLibrary) -> Vec<ReadFile> {
         hash: FileHash::of(&number.to_le_bytes()),
     };
     let users = library.source_files().iter().map(|(path, number)| file(files::absolute(path), *number));
-    std::iter::once(file(String::new(), CycleLibrary::shipped_identity())).chain(users).collect()
+    let mut shipped = file(String::new(), CycleLibrary::shipped_identity());
+    for text in shipped_subprograms() {
+        shipped.hash = shipped.hash.extend(text.as_bytes());
+    }
+    std::iter::once(shipped).chain(users).collect()
 }
 
 /// A file that was read, with its hash.

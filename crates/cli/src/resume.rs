@@ -207,7 +207,8 @@ impl ResumeStep<'_> {
             if now.hash != file.hash {
                 return Err(match file.path.as_str() {
                     "" => self.file_changed(
-                        "the built-in cycles of this version of retrace differ from those of the job".into(),
+                        "the built-in cycles and subprograms of this version of retrace differ from those of the job"
+                            .into(),
                     ),
                     path => self.file_changed(format!("the cycle {path} has changed since the job started")),
                 });

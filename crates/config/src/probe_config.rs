@@ -48,11 +48,11 @@ pub(crate) struct ProbeSection {
     after: AfterTouch,
     /// Effective diameter of the ball of the probe in mm, 0 for a point: `retrace probe calibrate` measures it. Without
     /// it, the probing cycles measure along the tool axis only.
-    ball_mm: Option<f64>,
+    ball_diameter_mm: Option<f64>,
     /// Feed in mm/min of the first, fast touch of a probing cycle.
-    feed_mm_min: f64,
-    /// Feed in mm/min of the second touch, which is the result. Default: a tenth of `feed_mm_min`.
-    slow_feed_mm_min: Option<f64>,
+    feed_mm_per_min: f64,
+    /// Feed in mm/min of the second touch, which is the result. Default: a tenth of `feed_mm_per_min`.
+    slow_feed_mm_per_min: Option<f64>,
     /// Distance in mm to which a probing cycle backs off between the touches, and at its end.
     back_off_mm: f64,
     /// Largest difference in mm of the two touches of a probing cycle.
@@ -69,9 +69,9 @@ impl Default for ProbeSection {
             guard: true,
             spindle: SpindleInProbing::Off,
             after: AfterTouch::Stay,
-            ball_mm: None,
-            feed_mm_min: 300.0,
-            slow_feed_mm_min: None,
+            ball_diameter_mm: None,
+            feed_mm_per_min: 300.0,
+            slow_feed_mm_per_min: None,
             back_off_mm: 1.0,
             agree_mm: 0.1,
             setter_mm: None,
@@ -93,11 +93,11 @@ pub struct ProbeConfig {
     /// Where the machine is at rest behind a probing move that was answered.
     pub after: AfterTouch,
     /// Effective diameter of the ball of the probe, mm.
-    pub ball_mm: Option<f64>,
+    pub ball_diameter_mm: Option<f64>,
     /// Feed of the first touch of a probing cycle, mm/min.
-    pub feed_mm_min: f64,
+    pub feed_mm_per_min: f64,
     /// Feed of its second touch, mm/min.
-    pub slow_feed_mm_min: f64,
+    pub slow_feed_mm_per_min: f64,
     /// Distance to which it backs off, mm.
     pub back_off_mm: f64,
     /// Largest difference of its touches, mm.
@@ -111,10 +111,10 @@ impl ProbeSection {
     pub(crate) fn checked(self, card: &mut CardConfig, period_us: u32) -> Result<ProbeConfig, NumberedError> {
         within("probe.filter_us", self.filter_us, 0.0, 20_000.0)?;
         within("probe.overtravel_mm", self.overtravel_mm, 0.001, 1000.0)?;
-        within("probe.ball_mm", self.ball_mm.unwrap_or_default(), 0.0, 100.0)?;
-        within("probe.feed_mm_min", self.feed_mm_min, 0.1, 100_000.0)?;
-        let slow_feed_mm_min = self.slow_feed_mm_min.unwrap_or(self.feed_mm_min / 10.0);
-        within("probe.slow_feed_mm_min", slow_feed_mm_min, 0.01, self.feed_mm_min)?;
+        within("probe.ball_diameter_mm", self.ball_diameter_mm.unwrap_or_default(), 0.0, 100.0)?;
+        within("probe.feed_mm_per_min", self.feed_mm_per_min, 0.1, 100_000.0)?;
+        let slow_feed_mm_per_min = self.slow_feed_mm_per_min.unwrap_or(self.feed_mm_per_min / 10.0);
+        within("probe.slow_feed_mm_per_min", slow_feed_mm_per_min, 0.01, self.feed_mm_per_min)?;
         within("probe.back_off_mm", self.back_off_mm, 0.01, 100.0)?;
         within("probe.agree_mm", self.agree_mm, 0.0001, 100.0)?;
         for mm in self.setter_mm.unwrap_or_default() {
@@ -131,9 +131,9 @@ impl ProbeSection {
             overtravel_mm: self.overtravel_mm,
             spindle_may_turn: self.spindle == SpindleInProbing::MayTurn,
             after: self.after,
-            ball_mm: self.ball_mm,
-            feed_mm_min: self.feed_mm_min,
-            slow_feed_mm_min,
+            ball_diameter_mm: self.ball_diameter_mm,
+            feed_mm_per_min: self.feed_mm_per_min,
+            slow_feed_mm_per_min,
             back_off_mm: self.back_off_mm,
             agree_mm: self.agree_mm,
             setter_mm: self.setter_mm,

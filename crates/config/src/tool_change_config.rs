@@ -40,7 +40,7 @@ pub(crate) struct ToolChangeSection {
     position_mm: Option<[f64; 3]>,
     /// Whether the tool is measured behind the change.
     measure: ToolMeasurement,
-    /// Longest way in mm down to the tool setter.
+    /// Maximum travel in mm down to the tool setter.
     travel_mm: f64,
 }
 
@@ -55,7 +55,7 @@ impl Default for ToolChangeSection {
 pub struct ToolChangeConfig {
     /// Machine coordinates where the tool is changed, mm: X, Y, Z.
     pub position_mm: Option<[f64; 3]>,
-    /// Longest way down to the tool setter, mm, where the tool is measured behind the change.
+    /// Maximum travel down to the tool setter, mm, where the tool is measured behind the change.
     pub measured_within_mm: Option<f64>,
 }
 

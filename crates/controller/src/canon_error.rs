@@ -44,9 +44,9 @@ pub(crate) enum CanonError {
         most_mm_min: f64,
     },
     /// E4315: a feed per turn, for this reason.
-    TurnFeed(&'static str),
+    FeedPerTurn(&'static str),
     /// E4316: a probing move at a feed per turn.
-    TurnFeedInProbing,
+    FeedPerTurnInProbing,
     /// E4312: the spindle or a cutter is on in a probing move.
     SpindleInProbing,
     /// E2216: an answer in the journal is not one to the program's question.
@@ -120,12 +120,12 @@ impl CanonError {
                 "a probing move (G38) while the spindle or a cutter is on".into(),
                 "switch it off before (M5); for a spindle that may turn, write spindle = \"may-turn\" in [probe]",
             ),
-            Self::TurnFeed(why) => (
+            Self::FeedPerTurn(why) => (
                 "E4315",
                 (*why).into(),
                 "M3 or M4 before; or G94; or feed_per_turn = \"commanded\" in [spindle], for the feed of the S word",
             ),
-            Self::TurnFeedInProbing => {
+            Self::FeedPerTurnInProbing => {
                 ("E4316", "a probing move (G38) at a feed per turn (G95)".into(), "G94 and a feed per minute before it")
             }
             Self::AnswerMismatch => (

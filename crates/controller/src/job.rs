@@ -330,8 +330,10 @@ pub(crate) fn feed_each<const A: usize, S: MotionSink<A>, D: BlockDecoder>(
     sink: &mut S,
     mut look: impl FnMut(&CanonExecutor<'_>, &D, &mut S),
 ) -> (u64, Vec<CheckFinding>) {
-    let track = CanonExecutor::new(machine);
-    let mut track = program.active().map_or(track.clone(), |codes| track.with_codes(&codes));
+    let mut track = CanonExecutor::new(machine);
+    if let Some(codes) = program.active() {
+        track = track.with_codes(&codes);
+    }
     let (mut steps, mut findings, mut blocks) = (Vec::new(), FindingList::default(), 0);
     loop {
         steps.clear();

@@ -39,9 +39,9 @@ fn named_figures(machine: &MachineConfig) -> Vec<(String, f64)> {
     let (probe, change) = (&machine.probe, &machine.manual_tool_change);
     let change = ToolChangeFigures { position_mm: change.position_mm, measured_within_mm: change.measured_within_mm };
     let probing = ProbingFigures {
-        ball_mm: probe.ball_mm,
-        feed_mm_min: probe.feed_mm_min,
-        slow_feed_mm_min: probe.slow_feed_mm_min,
+        ball_diameter_mm: probe.ball_diameter_mm,
+        feed_mm_per_min: probe.feed_mm_per_min,
+        slow_feed_mm_per_min: probe.slow_feed_mm_per_min,
         back_off_mm: probe.back_off_mm,
         agree_mm: probe.agree_mm,
         tool_setter_mm: probe.setter_mm,

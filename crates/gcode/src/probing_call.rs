@@ -27,36 +27,58 @@ enum Argument {
 
 use Argument::{Axis, Depth, Direction, InX, InY, Length, Side, Signed};
 
-/// Word, arguments, and whether a work offset may follow. The name of the cycle is `probe_` and the word.
-const CALLS: &[(&str, &[Argument], bool)] = &[
-    ("surface", &[Direction, Length], true),
-    ("edge", &[Side, Length, Length], true),
-    ("outside-corner", &[InX, InY, Length, Length], true),
-    ("inside-corner", &[InX, InY, Length, Depth], true),
-    ("bore", &[Length, Depth], true),
-    ("boss", &[Length, Length, Length], true),
-    ("slot", &[Axis, Length, Depth], true),
-    ("web", &[Axis, Length, Length, Length], true),
-    ("angle", &[Side, Signed, Length, Length], true),
-    ("tool-setter", &[Length], false),
-    ("tool-at-work", &[Length, Signed], false),
-    ("calibrate", &[Length, Depth], false),
-];
+/// A probing cycle as an operator calls it. The name of its subprogram is `probe_` and its word.
+#[derive(Clone, Copy, Debug)]
+pub struct ProbingForm {
+    /// Word of the cycle.
+    word: &'static str,
+    arguments: &'static [Argument],
+    /// Whether a work offset may follow.
+    sets_offset: bool,
+    /// The call with names for its lengths.
+    pub form: &'static str,
+    /// What it measures.
+    pub purpose: &'static str,
+}
 
-/// The forms of the calls, for an operator.
-pub const PROBING_FORMS: &[&str] = &[
-    "surface z- TRAVEL",
-    "edge x+ OUT DEPTH",
-    "outside-corner x+ y+ OUT DEPTH",
-    "inside-corner x- y- TRAVEL DEPTH",
-    "bore DIAMETER DEPTH",
-    "boss DIAMETER OUT DEPTH",
-    "slot x WIDTH DEPTH",
-    "web x WIDTH OUT DEPTH",
-    "angle y+ ALONG OUT DEPTH",
-    "tool-setter TRAVEL",
-    "tool-at-work TRAVEL HEIGHT",
-    "calibrate DIAMETER DEPTH",
+const fn form(
+    form: &'static str,
+    arguments: &'static [Argument],
+    sets_offset: bool,
+    purpose: &'static str,
+) -> ProbingForm {
+    // The word ends at the first blank.
+    let (word, _) = form.as_bytes().split_at(blank_in(form));
+    let word = match core::str::from_utf8(word) {
+        Ok(word) => word,
+        Err(_) => "",
+    };
+    ProbingForm { word, arguments, sets_offset, form, purpose }
+}
+
+const fn blank_in(text: &str) -> usize {
+    let (bytes, mut index) = (text.as_bytes(), 0);
+    while index < bytes.len() && bytes[index] != b' ' {
+        index += 1;
+    }
+    index
+}
+
+/// The probing cycles, for an operator.
+#[rustfmt::skip]
+pub const PROBING_FORMS: &[ProbingForm] = &[
+    form("surface z- TRAVEL", &[Direction, Length], true, "surface along one axis"),
+    form("edge x+ OUT DEPTH", &[Side, Length, Length], true, "edge, from above"),
+    form("outside-corner x+ y+ OUT DEPTH", &[InX, InY, Length, Length], true, "outside corner, from above"),
+    form("inside-corner x- y- TRAVEL DEPTH", &[InX, InY, Length, Depth], true, "inside corner"),
+    form("bore DIAMETER DEPTH", &[Length, Depth], true, "centre and diameter of a bore"),
+    form("boss DIAMETER OUT DEPTH", &[Length, Length, Length], true, "centre and diameter of a boss, from above"),
+    form("slot x WIDTH DEPTH", &[Axis, Length, Depth], true, "middle and width of a slot"),
+    form("web x WIDTH OUT DEPTH", &[Axis, Length, Length, Length], true, "middle and width of a web, from above"),
+    form("angle y+ ALONG OUT DEPTH", &[Side, Signed, Length, Length], true, "angle of an edge, from above"),
+    form("tool-setter TRAVEL", &[Length], false, "length of the tool, at the tool setter"),
+    form("tool-at-work TRAVEL HEIGHT", &[Length, Signed], false, "length of the tool, at a known surface"),
+    form("calibrate DIAMETER DEPTH", &[Length, Depth], false, "diameter of the probe's ball, in a ring"),
 ];
 
 /// Returns the MDI block of a probing cycle.
@@ -67,19 +89,19 @@ pub fn probing_block(text: &str) -> Result<String, String> {
     let text = text.to_ascii_lowercase();
     let mut words = text.split_whitespace();
     let word = words.next().unwrap_or_default();
-    let call = CALLS.iter().zip(PROBING_FORMS).find(|((name, ..), _)| *name == word);
-    let Some(((_, arguments, sets_offset), form)) = call else {
+    let Some(call) = PROBING_FORMS.iter().find(|call| call.word == word) else {
         return Err("enter a cycle and its lengths, such as surface z- 20 g54".into());
     };
-    let should = || format!("enter {form}{}", if *sets_offset { ", and g54 … g59.3 or nothing" } else { "" });
+    let should =
+        || format!("enter {}{}", call.form, if call.sets_offset { ", and g54 … g59.3 or nothing" } else { "" });
     let mut block = format!("o<probe_{}> call", word.replace('-', "_"));
-    for argument in *arguments {
+    for argument in call.arguments {
         let value = words.next().and_then(|word| argument.value(word)).ok_or_else(should)?;
         block += &format!(" [{value}]");
     }
     if let Some(word) = words.next() {
         let offset = (1..=9_u8).find(|&system| system_name(system).eq_ignore_ascii_case(word));
-        block += &format!(" [{}]", offset.filter(|_| *sets_offset).ok_or_else(should)?);
+        block += &format!(" [{}]", offset.filter(|_| call.sets_offset).ok_or_else(should)?);
     }
     if words.next().is_some() { Err(should()) } else { Ok(block) }
 }
@@ -117,7 +139,7 @@ mod tests {
 
     #[test]
     fn each_form_is_a_call_of_a_cycle_and_others_say_what_they_should_be() {
-        for (form, (word, ..)) in PROBING_FORMS.iter().zip(CALLS) {
+        for ProbingForm { form, word, .. } in PROBING_FORMS {
             let text: Vec<&str> = form
                 .split(' ')
                 .map(|word| if word.bytes().all(|byte| byte.is_ascii_uppercase()) { "5" } else { word })

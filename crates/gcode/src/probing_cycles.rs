@@ -9,11 +9,11 @@ use crate::sub_files::SubFile;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbingFigures {
     /// Effective diameter of the ball of the probe.
-    pub ball_mm: Option<f64>,
+    pub ball_diameter_mm: Option<f64>,
     /// Feed of the first, fast touch.
-    pub feed_mm_min: f64,
+    pub feed_mm_per_min: f64,
     /// Feed of the second touch, which is the result.
-    pub slow_feed_mm_min: f64,
+    pub slow_feed_mm_per_min: f64,
     /// Distance to which the probe backs off between the touches, and at the end.
     pub back_off_mm: f64,
     /// Largest difference of the touches.
@@ -28,9 +28,9 @@ impl ProbingFigures {
     pub fn named_values(&self) -> Vec<(String, f64)> {
         let setter = self.tool_setter_mm.unwrap_or_default();
         let values = [
-            ("_probe_ball", self.ball_mm.unwrap_or(-1.0)),
-            ("_probe_feed", self.feed_mm_min),
-            ("_probe_slow_feed", self.slow_feed_mm_min),
+            ("_probe_ball", self.ball_diameter_mm.unwrap_or(-1.0)),
+            ("_probe_feed", self.feed_mm_per_min),
+            ("_probe_slow_feed", self.slow_feed_mm_per_min),
             ("_probe_back_off", self.back_off_mm),
             ("_probe_agree", self.agree_mm),
             ("_has_tool_setter", f64::from(u8::from(self.tool_setter_mm.is_some()))),
@@ -79,7 +79,7 @@ pub fn probing_cycles() -> &'static [(&'static str, &'static str)] {
 pub struct ToolChangeFigures {
     /// Machine coordinates where the tool is changed: X, Y, Z.
     pub position_mm: Option<[f64; 3]>,
-    /// Longest way down to the tool setter, where the tool is measured behind the change.
+    /// Maximum travel down to the tool setter, where the tool is measured behind the change.
     pub measured_within_mm: Option<f64>,
 }
 
@@ -103,9 +103,15 @@ impl ToolChangeFigures {
 /// Name of the subprogram that M6 calls.
 pub(crate) const TOOL_CHANGE: &str = "tool_change";
 
+const CHANGE: (&str, &str) = (TOOL_CHANGE, include_str!("../subprograms/tool_change.ngc"));
+
+/// Returns the texts of all shipped subprograms.
+pub fn shipped_subprograms() -> impl Iterator<Item = &'static str> {
+    CYCLES.iter().chain(&[CHANGE]).map(|(_, text)| *text)
+}
+
 /// Returns the shipped subprogram of this name, in lower case.
 pub(crate) fn find(name: &str) -> Option<SubFile> {
-    const CHANGE: (&str, &str) = (TOOL_CHANGE, include_str!("../subprograms/tool_change.ngc"));
     let (name, text) = CYCLES.iter().chain(&[CHANGE]).find(|(known, _)| *known == name)?;
     Some(SubFile { name: format!("{name}.ngc"), text: Ok((*text).into()) })
 }

@@ -13,15 +13,15 @@ const length = (name, value = '') => ({ name, value });
 
 /** Cycles with their arguments in the order of the server, and whether they set a work offset. */
 const CYCLES = [
-  { word: 'surface', name: 'Surface', fields: [direction(['z-', 'z+', ...SIDES]), length('Longest way')], sets: true },
-  { word: 'edge', name: 'Edge', fields: [direction(SIDES), length('Way out'), length('Depth')], sets: true },
+  { word: 'surface', name: 'Surface', fields: [direction(['z-', 'z+', ...SIDES]), length('Max. travel')], sets: true },
+  { word: 'edge', name: 'Edge', fields: [direction(SIDES), length('Distance out'), length('Depth')], sets: true },
   {
     word: 'outside-corner',
     name: 'Outside corner',
     fields: [
       direction(['x+', 'x-'], 'Direction in X'),
       direction(['y+', 'y-'], 'Direction in Y'),
-      length('Way out'),
+      length('Distance out'),
       length('Depth'),
     ],
     sets: true,
@@ -32,31 +32,31 @@ const CYCLES = [
     fields: [
       direction(['x-', 'x+'], 'Direction in X'),
       direction(['y-', 'y+'], 'Direction in Y'),
-      length('Longest way'),
+      length('Max. travel'),
       length('Depth'),
     ],
     sets: true,
   },
   { word: 'bore', name: 'Bore', fields: [length('Diameter'), length('Depth')], sets: true },
-  { word: 'boss', name: 'Boss', fields: [length('Diameter'), length('Way out'), length('Depth')], sets: true },
+  { word: 'boss', name: 'Boss', fields: [length('Diameter'), length('Distance out'), length('Depth')], sets: true },
   { word: 'slot', name: 'Slot', fields: [direction(['x', 'y'], 'Axis'), length('Width'), length('Depth')], sets: true },
   {
     word: 'web',
     name: 'Web',
-    fields: [direction(['x', 'y'], 'Axis'), length('Width'), length('Way out'), length('Depth')],
+    fields: [direction(['x', 'y'], 'Axis'), length('Width'), length('Distance out'), length('Depth')],
     sets: true,
   },
   {
     word: 'angle',
     name: 'Angle of an edge',
-    fields: [direction(SIDES), length('Way along'), length('Way out'), length('Depth')],
+    fields: [direction(SIDES), length('Distance along'), length('Distance out'), length('Depth')],
     sets: true,
   },
-  { word: 'tool-setter', name: 'Tool length, setter', fields: [length('Longest way')], sets: false },
+  { word: 'tool-setter', name: 'Tool length, setter', fields: [length('Max. travel')], sets: false },
   {
     word: 'tool-at-work',
     name: 'Tool length, at the work',
-    fields: [length('Longest way'), length('Height', '0')],
+    fields: [length('Max. travel'), length('Height', '0')],
     sets: false,
   },
   { word: 'calibrate', name: 'Calibrate the ball', fields: [length('Diameter'), length('Depth')], sets: false },

@@ -149,6 +149,21 @@ mod tests {
         assert_eq!(parsed("resume job 2026-1", &setup), Order::Resume("2026-1".into()));
     }
 
+    /// The cycles of the page are those that the words call, with as many arguments.
+    #[test]
+    fn the_page_has_the_probing_cycles() {
+        let page = include_str!("../page/probe_panel.js");
+        let forms = ManualTask::probing_forms();
+        assert_eq!(page.matches("word: '").count(), forms.len());
+        for form in forms {
+            let (word, arguments) = form.split_once(' ').unwrap_or((form, ""));
+            let entry = page.split(&format!("word: '{word}'")).nth(1).unwrap_or_default();
+            let fields = entry.split("sets:").next().unwrap_or_default();
+            let count = fields.matches("direction(").count() + fields.matches("length(").count();
+            assert_eq!(count, arguments.split(' ').count(), "{form}");
+        }
+    }
+
     #[test]
     fn what_is_not_understood_is_refused_by_number() {
         let setup = model(ScreenStage::Setup);

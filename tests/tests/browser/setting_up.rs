@@ -153,15 +153,16 @@ fn a_surface_is_probed_and_becomes_the_zero() {
         user.wait_for_word("READY");
         user.tap("[role=tab]", "Probe");
         user.tap("#panel-probe button.main", "Probe");
-        user.wait_for_text("#panel-probe [role=status]", "Enter a number: Longest way");
-        user.tap("#panel-probe input", "Longest way");
+        user.wait_for_text("#panel-probe [role=status]", "Enter a number: Max. travel");
+        user.tap("#panel-probe input", "Max. travel");
         user.type_text("20");
         user.evaluate("document.querySelector('#panel-probe select[aria-label=\"Work offset\"]').value = 'G54'");
         user.picture(&format!("probe-{}", screen.width));
         user.tap("#panel-probe button.main", "Probe");
         machine.wait("the zero", |report| report["live"]["work"][2] == 1.0 && report["live"]["mm"][2] == -4.0);
         // Each cycle has its fields.
-        for (word, label) in [("outside-corner", "Way out"), ("calibrate", "Diameter"), ("tool-at-work", "Height")] {
+        for (word, label) in [("outside-corner", "Distance out"), ("calibrate", "Diameter"), ("tool-at-work", "Height")]
+        {
             let select = format!(
                 "window.cycle = document.querySelector('.probe-cycle'); cycle.value = '{word}'; \
                 cycle.dispatchEvent(new Event('change'))"

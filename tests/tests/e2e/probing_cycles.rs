@@ -6,8 +6,8 @@ use retrace_tests::command::{Bench, CommandOutput, root};
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
-const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[probe]\nball_mm = 2\n\
-    setter_mm = [100, 100, -80]\n";
+const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 0\nuse = \"probe\"\n[probe]\n\
+    ball_diameter_mm = 2\nsetter_mm = [100, 100, -80]\n";
 const WORK: &str =
     "box=10:40,10:30,-20:-4.2;bore=72,49,28,-20:-4;boss=121,51,24,-20:-4;box=95:105,95:105,-100:-50;ball=2";
 
@@ -129,10 +129,10 @@ fn what_is_in_the_way_or_not_known_ends_the_program_at_rest() {
     // Nothing moves where the ball or the setter is not known, or the call is wrong.
     bench.file("plain.toml", "[[card.input]]\nnumber = 0\nuse = \"probe\"\n");
     for (call, what) in [
-        ("o<probe_bore> call [20] [5]", "probe.ball_mm"),
+        ("o<probe_bore> call [20] [5]", "probe.ball_diameter_mm"),
         ("o<probe_tool_setter> call [20]", "probe.setter_mm"),
         ("o<probe_surface> call [4] [5]", "the direction is 4"),
-        ("o<probe_surface> call [3]", "the longest way is 0"),
+        ("o<probe_surface> call [3]", "the maximum travel is 0"),
     ] {
         bench.file("part.ngc", format!("G21 G90\nG0 X1\n{call}\nM2\n"));
         let result = bench.retrace(["run", "part.ngc", "--machine", "plain.toml", "--json"]);
@@ -166,22 +166,27 @@ fn a_job_that_is_stopped_in_a_cycle_is_resumed_without_asking_twice() {
 #[test]
 fn the_command_probes_and_sets_a_work_offset_on_a_card() {
     let bench = bench("");
-    bench.file("m.toml", format!("{MACHINE}slow_feed_mm_min = 200\n"));
+    bench.file("m.toml", format!("{MACHINE}slow_feed_mm_per_min = 200\n"));
     let machine = bench.path("m.toml").display().to_string();
     let card = ServedCard::with(&["--machine", &machine, "--work", "box=-30:30,-20:20,-20:-4.2;ball=2"]);
     let probe = |arguments: &[&str]| {
         let usual = ["--card", &card.port, "--machine", "m.toml", "--params", "offsets.var"];
         bench.retrace(["probe"].iter().chain(arguments).chain(&usual))
     };
-    let dry = probe(&["surface", "z-", "--travel", "15", "--dry-run"]);
+    let dry = probe(&["surface", "z-", "15", "--dry-run"]);
     assert_eq!((dry.code, card.identify(&bench)["counts"][2].as_i64()), (Some(0), Some(0)), "{}", dry.err);
-    let result = probe(&["surface", "z-", "--travel", "15", "--set", "G55"]);
+    let result = probe(&["surface", "z-", "15", "G55"]);
     assert_eq!(result.code, Some(0), "{}{}", result.out, result.err);
-    let result = probe(&["edge", "x+", "--out", "40", "--depth", "6", "--set", "g55"]);
+    let result = probe(&["edge", "x+", "40", "6", "g55"]);
     assert_eq!(result.code, Some(0), "{}{}", result.out, result.err);
     let offsets = std::fs::read_to_string(bench.path("offsets.var")).expect("the parameters");
     assert!(offsets.contains("5243\t-4.2") && offsets.contains("5241\t-30.0"), "{offsets}");
-    for wrong in [&["surface", "q", "--travel", "5"][..], &["bore", "--diameter", "0", "--depth", "5"]] {
+    for wrong in [
+        &["surface", "q", "5"][..],
+        &["bore", "0", "5"],
+        &["outside-corner", "y+", "x+", "5", "5"],
+        &["angle", "y+", "-40"],
+    ] {
         assert_eq!(probe(wrong).code, Some(2), "{wrong:?}");
     }
 }

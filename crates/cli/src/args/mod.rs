@@ -31,7 +31,7 @@ pub use self::doctor::Doctor;
 pub use self::machine::{Machine, MachineKind};
 pub use self::manual::{Home, Jog, ManualOptions, Mdi, MdiOptions};
 pub use self::materials::{Materials, Units};
-pub use self::probe::{Direction, Probe};
+pub use self::probe::Probe;
 pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
@@ -148,13 +148,8 @@ pub enum Command {
     #[command(after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' \
             --params mill.var")]
     Mdi(Mdi),
-    /// Probe: measure a surface, an edge, a corner, a bore, the length of a tool, and set offsets by it.
-    #[command(
-        subcommand,
-        after_help = "Examples:\n  retrace probe surface z- --travel 20 --set G54 --card /dev/ttyUSB0\n  \
-            retrace probe outside-corner x+ y+ --out 15 --depth 5 --set G54\n\nLengths are in mm. Programs and MDI \
-            call the same cycles, such as `o<probe_surface> call [-3] [20] [1]`."
-    )]
+    /// Probe a surface, an edge, a corner, a bore or the length of a tool, and set offsets by it.
+    #[command(after_help = probe::help())]
     Probe(Probe),
     /// Measure how fast this computer and the line to a card respond, and whether the control period suits them.
     #[command(after_help = "Examples:\n  retrace doctor\n  retrace doctor /dev/ttyUSB0 --machine mill.toml")]

@@ -28,15 +28,15 @@ impl CanonExecutor<'_> {
     pub(super) fn set_feed_mode(&mut self, mode: FeedMode) -> Result<(), CanonError> {
         let per_turn = mode == FeedMode::UnitsPerRevolution;
         if per_turn && self.machine.feed_per_turn != FeedPerTurn::Commanded {
-            return Err(CanonError::TurnFeed("no card reads an encoder yet, and G95 follows one on this machine"));
+            return Err(CanonError::FeedPerTurn("no card reads an encoder yet, and G95 follows one on this machine"));
         }
-        self.feed_mm_turn = per_turn.then_some(0.0);
+        self.feed_mm_per_turn = per_turn.then_some(0.0);
         Ok(())
     }
 
     /// Sets the feed, in mm per minute or per turn.
     pub(super) fn set_feed(&mut self, mm: f64) {
-        match &mut self.feed_mm_turn {
+        match &mut self.feed_mm_per_turn {
             Some(per_turn) => {
                 *per_turn = mm;
                 self.feed_mm_min = mm * self.rpm;
@@ -47,7 +47,7 @@ impl CanonExecutor<'_> {
 
     pub(super) fn set_rpm(&mut self, rpm: f64) {
         self.rpm = rpm;
-        if let Some(per_turn) = self.feed_mm_turn {
+        if let Some(per_turn) = self.feed_mm_per_turn {
             self.feed_mm_min = per_turn * rpm;
         }
     }
@@ -58,8 +58,8 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        if self.feed_mm_turn.is_some() && self.spindle_turns == Some(false) {
-            return Err(CanonError::TurnFeed("a feed move at a feed per turn (G95) while the spindle is off"));
+        if self.feed_mm_per_turn.is_some() && self.spindle_turns == Some(false) {
+            return Err(CanonError::FeedPerTurn("a feed move at a feed per turn (G95) while the spindle is off"));
         }
         self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)
     }

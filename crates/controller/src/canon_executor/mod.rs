@@ -86,7 +86,7 @@ pub(crate) struct CanonExecutor<'m> {
     /// Feed rate in force, mm/min.
     feed_mm_min: f64,
     /// Feed per turn of the spindle (G95), mm; `None` under G93 and G94.
-    feed_mm_turn: Option<f64>,
+    feed_mm_per_turn: Option<f64>,
     /// Commanded speed of the spindle, turns per minute.
     rpm: f64,
     path: PathMode,
@@ -136,7 +136,7 @@ impl<'m> CanonExecutor<'m> {
             rotation: (0.0, 1.0),
             rotation_deg: 0.0,
             feed_mm_min: 0.0,
-            feed_mm_turn: None,
+            feed_mm_per_turn: None,
             rpm: 0.0,
             path: PathMode::blend(machine.blend_tolerance_mm),
             path_control: PathControl::Continuous { tolerance: 0.0 },

@@ -31,8 +31,8 @@ impl CanonExecutor<'_> {
         let position = self.machine_position(end);
         let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
         let own = self.machine_coordinates::<A>(&really)?;
-        if self.feed_mm_turn.is_some() {
-            return Err(CanonError::TurnFeedInProbing);
+        if self.feed_mm_per_turn.is_some() {
+            return Err(CanonError::FeedPerTurnInProbing);
         }
         let feed_mm_s = self.feed_mm_min / 60.0;
         let most = highest_feed_mm_s(self.machine, &self.position::<A>(), &own, probe.overtravel_mm);

@@ -53,7 +53,7 @@ impl CanonExecutor<'_> {
         let feed_mm = state.feed_rate * state.units.millimetres();
         self.rpm = state.spindle_speed;
         self.spindle_turns = state.spindle_turns;
-        self.feed_mm_turn = (state.feed_mode == Some(FeedMode::UnitsPerRevolution)).then_some(feed_mm);
+        self.feed_mm_per_turn = (state.feed_mode == Some(FeedMode::UnitsPerRevolution)).then_some(feed_mm);
         self.set_feed(if state.feed_mode.is_none() { f64::NAN } else { feed_mm });
         let position = self.machine_position(&state.position);
         self.record_move_end(position, &position);

@@ -45,4 +45,10 @@ impl ManualTask {
     pub fn probing_cycle(words: &str) -> Result<Self, String> {
         retrace_gcode::probing_block(words).map(Self::Mdi)
     }
+
+    /// The forms of these words, such as `surface z- TRAVEL`.
+    #[must_use]
+    pub fn probing_forms() -> Vec<&'static str> {
+        retrace_gcode::PROBING_FORMS.iter().map(|call| call.form).collect()
+    }
 }

@@ -4,9 +4,9 @@ use retrace_gcode::{Canon, Pose, Prescan, ProbingFigures, Program, Progress, Set
 use std::sync::Arc;
 
 const FIGURES: ProbingFigures = ProbingFigures {
-    ball_mm: Some(2.0),
-    feed_mm_min: 300.0,
-    slow_feed_mm_min: 30.0,
+    ball_diameter_mm: Some(2.0),
+    feed_mm_per_min: 300.0,
+    slow_feed_mm_per_min: 30.0,
     back_off_mm: 1.0,
     agree_mm: 0.1,
     tool_setter_mm: None,

@@ -6,7 +6,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
-use retrace_gcode::PROBING_FORMS;
+use retrace_controller::ManualTask;
 
 use super::listing::message_text;
 use super::{Theme, contours, fold, pane, put_at, truncate};
@@ -190,7 +190,7 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
     };
     let mut lines = vec![question.to_string()];
     if ask == PendingQuestion::Probe {
-        lines.extend(PROBING_FORMS.iter().map(|form| format!("  {form}")));
+        lines.extend(ManualTask::probing_forms().into_iter().map(|form| format!("  {form}")));
     }
     if ask.takes_text() {
         let shown = text.chars().count().saturating_sub(60);
