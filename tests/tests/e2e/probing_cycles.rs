@@ -201,8 +201,11 @@ fn the_examples_find_their_corner_and_the_length_of_their_tool() {
     let run = |program: &str| {
         bench.retrace(["run", program, "--machine", &machine, "--tools", "own.tbl", "--work", work, "--json"])
     };
-    let result = run(&corner);
-    assert!(result.code == Some(0) && result.out.contains("at machine X10.000000 Y10.000000"), "{}", result.out);
+    // The second run begins with the offset that the first one has left.
+    for _ in 0..2 {
+        let result = run(&corner);
+        assert!(result.code == Some(0) && result.out.contains("at machine X10.000000 Y10.000000"), "{}", result.out);
+    }
     let result = run(&tool);
     assert!(result.code == Some(0) && result.out.contains("length of tool 1.000000: 30.000000"), "{}", result.out);
 }
