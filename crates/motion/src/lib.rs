@@ -75,5 +75,5 @@ pub use glide::Blending;
 pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::{MAX_OVERRIDE, MachineLimits};
 pub use planned_section::{PlannedPiece, PlannedSection};
-pub use planner::{FeedRate, PathMode, Planner};
+pub use planner::{FeedRate, MoveMark, PathMode, Planner};
 pub use run::{PlanFallbacks, PlanMode};

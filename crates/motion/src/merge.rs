@@ -43,13 +43,24 @@ pub(crate) fn merging(tolerance: f64, requested: Option<f64>) -> f64 {
     requested.map_or(SHARE * tolerance, |asked| asked.min(MAX_SHARE * tolerance))
 }
 
+/// A place on a chain of lines, with the program line that begins there.
+#[derive(Clone, Copy, Debug)]
+struct LineBegin<const A: usize> {
+    at: [f64; A],
+    tag: u32,
+    /// Whether it is a mark on a line, which has no effect on the path.
+    is_mark: bool,
+}
+
 /// Lines that are merged so far.
 #[derive(Debug)]
 pub(crate) struct Merger<const A: usize> {
     /// All lines from the start of the first to the end of the last.
     chord: Option<LinearMove<A>>,
-    /// End of each line but the last, and the program line of the next.
-    ends: Vec<([f64; A], u32)>,
+    /// Start of each line but the first, and the marks on the lines, in their order.
+    begins: Vec<LineBegin<A>>,
+    /// Number of lines.
+    lines: usize,
     /// Directions that a chord may have: those within `radius` of this one.
     axis: [f64; A],
     radius: f64,
@@ -57,7 +68,7 @@ pub(crate) struct Merger<const A: usize> {
 
 impl<const A: usize> Merger<A> {
     pub(crate) fn new() -> Self {
-        Self { chord: None, ends: Vec::new(), axis: [0.0; A], radius: 0.0 }
+        Self { chord: None, begins: Vec::new(), lines: 0, axis: [0.0; A], radius: 0.0 }
     }
 
     /// Whether there is no line to take out.
@@ -69,13 +80,14 @@ impl<const A: usize> Merger<A> {
     pub(crate) fn try_merge(&mut self, line: &LinearMove<A>) -> bool {
         let Some(chord) = &mut self.chord else {
             self.chord = Some(*line);
-            self.ends.clear();
+            self.begins.clear();
+            self.lines = 1;
             (self.axis, self.radius) = ([0.0; A], f64::MAX);
             return true;
         };
         let alike = (line.feed, line.tolerance, line.merging) == (chord.feed, chord.tolerance, chord.merging)
             && line.merging > 0.0;
-        if !alike || self.ends.len() >= MAX_LINES {
+        if !alike || self.lines > MAX_LINES {
             return false;
         }
         let (to, on) = (difference(&line.start, &chord.start), difference(&line.end, &line.start));
@@ -95,8 +107,14 @@ impl<const A: usize> Merger<A> {
         }
         (self.axis, self.radius) = (axis, radius);
         chord.end = line.end;
-        self.ends.push((line.start, line.tag));
+        self.begins.push(LineBegin { at: line.start, tag: line.tag, is_mark: false });
+        self.lines += 1;
         true
+    }
+
+    /// Marks the last line: from `at` on, a place on it behind its other marks, its program line is `tag`.
+    pub(crate) fn mark(&mut self, at: [f64; A], tag: u32) {
+        self.begins.push(LineBegin { at, tag, is_mark: true });
     }
 
     /// Takes the line out, as a segment. The program lines after its first are appended to `marks`.
@@ -106,16 +124,18 @@ impl<const A: usize> Merger<A> {
         let displacement = difference(&chord.end, &chord.start);
         let squared: f64 = displacement.iter().map(|x| x * x).sum();
         let (mut off, mut place) = (0.0f64, 0.0f64);
-        for (end, tag) in &self.ends {
-            let to = difference(end, &chord.start);
+        for LineBegin { at, tag, is_mark } in &self.begins {
+            let to = difference(at, &chord.start);
             let share = to.iter().zip(&displacement).map(|(a, b)| a * b).sum::<f64>() / squared;
             let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * displacement[i]);
-            off = off.max(aside.iter().map(|x| x * x).sum());
+            if !is_mark {
+                off = off.max(aside.iter().map(|x| x * x).sum());
+            }
             place = place.max(share * length);
             marks.push(LineMark { place, tag: *tag });
         }
         let tolerance = chord.tolerance - off.sqrt();
-        let marks = self.ends.len() as u32;
+        let marks = self.begins.len() as u32;
         Some(PathSegment { curve, length, feed: chord.feed, tag: chord.tag, tolerance, marks })
     }
 }

@@ -65,6 +65,15 @@ impl PathMode {
     }
 }
 
+/// A place within a move from which on its records have another tag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MoveMark {
+    /// The place, as a share of the move's length: 0 … 1, in ascending order.
+    pub share: f64,
+    /// Tag of the records behind it.
+    pub tag: u32,
+}
+
 /// Planner of moves, which emits one record per control period.
 ///
 /// # Examples
@@ -155,9 +164,23 @@ impl<const A: usize> Planner<A> {
     /// # Errors
     /// E4001, E4002. Nothing is changed then.
     pub fn line(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
+        self.marked_line(end_mm, feed, mode, tag, &[])
+    }
+
+    /// Adds a straight move, as [`Planner::line`] does, with marks along it. They do not change the path, nor its plan.
+    ///
+    /// # Errors
+    /// E4001, E4002. Nothing is changed then.
+    pub fn marked_line(
+        &mut self,
+        end_mm: [f64; A],
+        feed: FeedRate,
+        mode: PathMode,
+        tag: u32,
+        marks: &[MoveMark],
+    ) -> Result<(), MoveError> {
         check(&end_mm, feed, mode)?;
-        let (curve, length) = Curve::line(self.commanded, end_mm);
-        self.add(curve, length, end_mm, feed, mode, tag);
+        self.add(Curve::line(self.commanded, end_mm), end_mm, feed, mode, tag, marks);
         Ok(())
     }
 
@@ -166,10 +189,24 @@ impl<const A: usize> Planner<A> {
     /// # Errors
     /// E4001 … E4004. Nothing is changed then.
     pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
+        self.marked_arc(arc, feed, mode, tag, &[])
+    }
+
+    /// Adds an arc or helix, as [`Planner::arc`] does, with marks along it. They do not change the path, nor its plan.
+    ///
+    /// # Errors
+    /// E4001 … E4004. Nothing is changed then.
+    pub fn marked_arc(
+        &mut self,
+        arc: &Arc<A>,
+        feed: FeedRate,
+        mode: PathMode,
+        tag: u32,
+        marks: &[MoveMark],
+    ) -> Result<(), MoveError> {
         check(&arc.end_mm, feed, mode)?;
         check(&arc.centre_mm, feed, mode)?;
-        let (curve, length) = Curve::arc(self.commanded, arc)?;
-        self.add(curve, length, arc.end_mm, feed, mode, tag);
+        self.add(Curve::arc(self.commanded, arc)?, arc.end_mm, feed, mode, tag, marks);
         Ok(())
     }
 
@@ -255,9 +292,17 @@ impl<const A: usize> Planner<A> {
         self.path.point()
     }
 
-    fn add(&mut self, curve: Curve<A>, length: f64, end: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) {
+    fn add(
+        &mut self,
+        (curve, length): (Curve<A>, f64),
+        end: [f64; A],
+        feed: FeedRate,
+        mode: PathMode,
+        tag: u32,
+        marks: &[MoveMark],
+    ) {
         let start = std::mem::replace(&mut self.commanded, end);
-        self.tag = tag;
+        self.tag = marks.last().map_or(tag, |mark| mark.tag);
         if length < 1e-9 {
             return; // no motion; where it ends on another pulse, the next stop covers the difference
         }
@@ -273,9 +318,14 @@ impl<const A: usize> Planner<A> {
                 self.pass_merged();
                 self.merger.try_merge(&line);
             }
+            for &MoveMark { share, tag } in marks {
+                self.merger.mark(std::array::from_fn(|i| start[i] + share * (end[i] - start[i])), tag);
+            }
         } else {
             self.pass_merged();
-            let segment = PathSegment { curve, length, feed, tag, tolerance, marks: 0 };
+            let places = marks.iter().map(|mark| LineMark { place: mark.share * length, tag: mark.tag });
+            self.marks.extend(places);
+            let segment = PathSegment { curve, length, feed, tag, tolerance, marks: marks.len() as u32 };
             self.path.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
         }
     }

@@ -5,6 +5,7 @@ mod corners;
 mod feed_override;
 mod feed_shares;
 mod look_ahead;
+mod marks;
 mod plan;
 mod refinement;
 mod solver;
