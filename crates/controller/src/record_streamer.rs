@@ -6,6 +6,7 @@
 //! durable place of the index. Nothing here allocates after the start: the number of items is bounded, and when it is
 //! reached the rest remains in the channel.
 
+mod action_room;
 mod block_window;
 mod dark_changes;
 mod lead_in;
@@ -544,10 +545,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         let sure = self.safe_to_send_until();
         while place.is_before(end) && place.is_before(sure) && self.gates.b_open(place) {
             let Some(record) = self.ring.record(place) else { break };
-            while let Some((next, _)) = self.actions.get(action)
-                && next.place == place
-            {
-                if !self.is_dark(next) && card.send(HostCommand::Action(*next)).is_err() {
+            while self.actions.get(action).is_some_and(|(next, _)| next.place == place) {
+                if !self.send_action_ahead(card, action) {
                     return;
                 }
                 action += 1;
@@ -568,8 +567,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             let Some(record) = self.ring.record(n) else { break };
             let rests = self.is_at_rest_before(n);
             while action > 0 && self.actions[action - 1].0.place == n {
-                let (next, _) = &self.actions[action - 1];
-                if !self.is_dark(next) && card.send(HostCommand::Action(*next)).is_err() {
+                if !self.send_action_behind(card, action - 1) {
                     return;
                 }
                 action -= 1;
