@@ -8,7 +8,9 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use retrace_config::{CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError};
+use retrace_config::{
+    CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError, SpindleOrientation,
+};
 use retrace_hal_sim::{
     Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings, Switch, source_faults,
 };
@@ -155,6 +157,9 @@ fn replies(machine: &MachineConfig) -> Vec<Reply> {
             let waits_us = timeout_periods.saturating_mul(machine.period_us) / 2;
             replies.push(Reply { channel, input, active: [false, true], after_us: RAISES_US.min(waits_us) });
         }
+    }
+    if let Some(SpindleOrientation { output, input, .. }) = machine.spindle.orientation {
+        replies.push(Reply { channel: output, input, active: [false, true], after_us: TAKES_US });
     }
     replies
 }

@@ -560,10 +560,12 @@ pub(crate) fn inhibited(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
 }
 
-/// Channels that a fault switches off by default: all those of torches, jets and beams, and of markers with `marker`.
-pub(crate) fn off_at_fault(cutters: &[CutterConfig]) -> Vec<u8> {
+/// Channels that a fault switches off by default: all those of torches, jets and beams, and of markers with `marker`,
+/// and the output that orients the spindle.
+pub(crate) fn off_at_fault(cutters: &[CutterConfig], orient_output: Option<u8>) -> Vec<u8> {
     let cut = cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest() || cutter.marker.is_some());
-    cut.flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
+    let cut = cut.flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0)));
+    cut.chain(orient_output).collect()
 }
 
 /// Name of a channel: the cutter's name for its fire channel, the name and purpose for the others.

@@ -149,7 +149,7 @@ fn errors_of(file: &MachineFile) -> Vec<NumberedError> {
     if errors.len() == outputs_begin {
         errors.extend(output_names(file.output.clone(), &cutters).err());
     }
-    errors.extend(set_up_errors(file, &axes, &cutter::off_at_fault(&cutters)));
+    errors.extend(set_up_errors(file, &axes, &cutter::off_at_fault(&cutters, file.spindle.orient_output)));
     errors.extend(file.serial.clone().checked().err());
     let period_us = (file.control_period_ms.clamp(0.1, 20.0) * 1000.0).round() as u32;
     for (code, settings) in &file.code {

@@ -25,6 +25,7 @@ use crate::serial::SerialSettings;
 use crate::sheet_contacts;
 use crate::sheet_sensing::ToolLayer;
 use crate::spindle_config::FeedPerTurn;
+use crate::spindle_settings::SpindleSettings;
 use crate::switching::SwitchingTable;
 use crate::tool_change_config::{ToolChange, ToolChangeConfig};
 
@@ -78,6 +79,8 @@ pub struct MachineConfig {
     pub manual_tool_change: ToolChangeConfig,
     /// What the feed of G95 follows.
     pub feed_per_turn: FeedPerTurn,
+    /// Speeds of the spindle under G96, and its orientation.
+    pub spindle: SpindleSettings,
     /// What happens to a running program when the page in control loses its link.
     pub on_lost_control: OnLostControl,
     /// How the speed along the path is planned.
@@ -182,10 +185,12 @@ impl MachineConfig {
         cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys())?;
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
-        let mut card = file.card.checked(&axes, &cutter::off_at_fault(&cutters), file.control_period_ms)?;
+        let off_at_fault = cutter::off_at_fault(&cutters, file.spindle.orient_output);
+        let mut card = file.card.checked(&axes, &off_at_fault, file.control_period_ms)?;
         cutter::proofs_are_plain_inputs(&cutters, &card)?;
         cutter::declare_collision_inputs(&cutters, &mut card)?;
         let probe = file.probe.checked(&mut card, period_us)?;
+        let spindle = file.spindle.checked(&cutters, &card)?;
         let manual_tool_change = file.manual_tool_change.checked(file.tool_change, &probe)?;
         let output_names = output_names(file.output, &cutters)?;
         let written = Written {
@@ -223,6 +228,7 @@ impl MachineConfig {
             tool_change: file.tool_change,
             manual_tool_change,
             feed_per_turn: file.spindle.feed_per_turn,
+            spindle,
             on_lost_control: file.on_lost_control,
             plan_mode: file.plan,
             output_names,
@@ -371,13 +377,15 @@ impl MachineConfig {
         cutter::inhibited(&self.cutters)
     }
 
-    /// Channels that the end of a job switches off: those of every cutter, the spindle, and the pointer.
+    /// Channels that the end of a job switches off: those of every cutter, the spindle and its orientation, and the
+    /// pointer.
     #[must_use]
     pub fn off_at_end(&self) -> Vec<u8> {
         let mut channels = cutter::inhibited(&self.cutters);
         if !channels.contains(&retrace_link::channel::SPINDLE) {
             channels.push(retrace_link::channel::SPINDLE);
         }
+        channels.extend(self.spindle.orientation.map(|orientation| orientation.output));
         channels.extend(self.setting_up.pointer_output);
         channels
     }

@@ -22,4 +22,19 @@ pub enum FeedPerTurn {
 pub(crate) struct SpindleSection {
     /// What the feed of G95 follows.
     pub(crate) feed_per_turn: FeedPerTurn,
+    /// Highest speed in turns per minute under G96. Without it, G96 needs a D word.
+    #[schemars(range(min = 1.0, max = 1_000_000.0))]
+    pub(crate) max_rpm: Option<f64>,
+    /// Lowest speed in turns per minute under G96.
+    #[schemars(range(min = 0.0, max = 1_000_000.0))]
+    pub(crate) min_rpm: f64,
+    /// Output by which M19 tells the drive to turn the spindle to its angle and to hold it there.
+    #[schemars(range(max = 63))]
+    pub(crate) orient_output: Option<u8>,
+    /// Input by which the drive reports that the spindle is at its angle.
+    #[schemars(range(max = 15))]
+    pub(crate) orient_input: Option<u8>,
+    /// Angle of the drive in degrees: the only R that M19 may have.
+    #[schemars(range(min = 0.0, max = 360.0))]
+    pub(crate) orient_angle_deg: f64,
 }

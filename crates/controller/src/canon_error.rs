@@ -47,6 +47,10 @@ pub(crate) enum CanonError {
     FeedPerTurn(&'static str),
     /// E4316: a probing move at a feed per turn.
     FeedPerTurnInProbing,
+    /// E4317: G96 without a highest speed.
+    SurfaceSpeed,
+    /// E4318: M19 to an angle in degrees other than the drive's, which is the second one.
+    OrientAngle(f64, f64),
     /// E4312: the spindle or a cutter is on in a probing move.
     SpindleInProbing,
     /// E2216: an answer in the journal is not one to the program's question.
@@ -128,6 +132,17 @@ impl CanonError {
             Self::FeedPerTurnInProbing => {
                 ("E4316", "a probing move (G38) at a feed per turn (G95)".into(), "G94 and a feed per minute before it")
             }
+            Self::SurfaceSpeed => (
+                "E4317",
+                "constant surface speed (G96) without a highest speed: at X 0, the axis of turning, it has no limit"
+                    .into(),
+                "a D word in the block of G96, the highest speed in turns per minute, or max_rpm in [spindle]",
+            ),
+            Self::OrientAngle(degrees, own) => (
+                "E4318",
+                format!("M19 turns the spindle to {degrees}°, and the drive of this machine turns it to {own}° alone"),
+                "R with the angle of the drive; if that is another one, correct orient_angle_deg in [spindle]",
+            ),
             Self::AnswerMismatch => (
                 "E2216",
                 "an answer of the machine in the journal is not one to the program's question".into(),

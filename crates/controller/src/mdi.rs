@@ -195,6 +195,7 @@ impl BlockDecoder for MdiBlock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retrace_gcode::Canon;
 
     /// Executes a block, and returns the machine at its new position, mm.
     fn done(context: &mut ModalContext, machine: &MachineConfig, text: &str) -> MachineConfig {
@@ -239,6 +240,26 @@ mod tests {
         let machine = done(&mut context, &machine, "G95 F1");
         let refused = context.block(&machine, "G1 X1").expect_err("the spindle is off");
         assert!(refused.iter().any(|text| text.contains("E4315")), "{refused:?}");
+    }
+
+    /// G96 of an earlier block is in force, and its S is repeated for the executor, which begins anew.
+    #[test]
+    fn a_surface_speed_is_known_to_the_next_block() {
+        let machine = MachineConfig::parse("[spindle]\nmax_rpm = 2000\n", "m").expect("valid");
+        let mut context = ModalContext::new(interpreter_setup(&machine));
+        let spindle = |context: &ModalContext, machine: &MachineConfig| {
+            let (mut block, mut steps) = (context.block(machine, "G1 F100 X20").expect("a move"), Vec::new());
+            while block.next_block(&mut steps) == DecodedBlock::Block {}
+            let canons = steps.into_iter().map(|step| step.canon);
+            canons.filter(|canon| matches!(canon, Canon::SetSpindleMode(_) | Canon::SetSpindleSpeed(_))).collect()
+        };
+        let before: Vec<Canon> = spindle(&context, &machine);
+        let machine = done(&mut context, &machine, "G96 D1500 S100 M3");
+        let under: Vec<Canon> = spindle(&context, &machine);
+        let machine = done(&mut context, &machine, "G97 S300");
+        let behind: Vec<Canon> = spindle(&context, &machine);
+        let repeated = vec![Canon::SetSpindleMode(1500.0), Canon::SetSpindleSpeed(100.0)];
+        assert_eq!((before, under, behind), (vec![], repeated, vec![]));
     }
 
     #[test]

@@ -27,6 +27,11 @@ pub trait MotionSink<const A: usize> {
     /// A synchronous action, executed where the next move begins.
     fn action(&mut self, change: OutputChange, line: u32);
 
+    /// A synchronous action within the next move, at this share of its length: 0 … 1, ascending.
+    fn action_within(&mut self, _share: f64, change: OutputChange, line: u32) {
+        self.action(change, line);
+    }
+
     /// A synchronous action that reverse run leaves unchanged.
     fn lasting_action(&mut self, change: OutputChange, line: u32) {
         self.action(change, line);
@@ -99,6 +104,10 @@ impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
 
     fn action(&mut self, change: OutputChange, line: u32) {
         PlanWriter::action(self, change, line);
+    }
+
+    fn action_within(&mut self, share: f64, change: OutputChange, line: u32) {
+        PlanWriter::action_within(self, share, change, line);
     }
 
     fn lasting_action(&mut self, change: OutputChange, line: u32) {

@@ -95,8 +95,10 @@ pub struct BranchState {
     pub feed_rate: f64,
     /// Meaning of the feed rate; `None` where it is unknown.
     pub feed_mode: Option<FeedMode>,
-    /// Speed of the spindle in turns per minute.
+    /// Speed of the spindle in turns per minute; under G96 in metres or feet per minute.
     pub spindle_speed: f64,
+    /// Highest speed of the spindle under G96, in turns per minute; 0 under G97.
+    pub max_spindle_speed: f64,
     /// Whether the spindle turns; `None` where it is unknown.
     pub spindle_turns: Option<bool>,
 }
@@ -152,10 +154,11 @@ pub enum Canon {
     /// Selects constant surface speed with this maximum in turns per minute; 0 selects constant speed (G97).
     SetSpindleMode(f64),
     /// Turns the spindle to an angle and holds it there. Direction: 0 the shortest, 1 and 2 as in M19, 2 and 3 as in
-    /// G87.
+    /// G87. `timeout_s`: the time that the wait behind it has, if there is one.
     OrientSpindle {
         degrees: f64,
         mode: u8,
+        timeout_s: Option<f64>,
     },
     /// Waits for the angle, at most this time in seconds.
     WaitSpindleOrientComplete(f64),

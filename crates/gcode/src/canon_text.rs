@@ -149,7 +149,7 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
         Canon::ChangeTool { index, .. } => write!(out, "CHANGE_TOOL({index})"),
-        Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
+        Canon::OrientSpindle { degrees, mode, .. } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
         Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
         Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
         Canon::RigidTap(end) => {

@@ -84,6 +84,10 @@ impl ModalSnapshot {
         if state.feed_rate != 0.0 {
             tell(Canon::SetFeedRate(state.feed_rate));
         }
+        if state.constant_surface_speed {
+            tell(Canon::SetSpindleMode(state.max_spindle_speed));
+            tell(Canon::SetSpindleSpeed(state.spindle_speed));
+        }
     }
 }
 

@@ -147,6 +147,7 @@ impl ModalState {
             feed_rate: self.feed_rate,
             feed_mode: (!self.unknown.has(UnknownModes::FEED_MODE)).then_some(self.feed_mode),
             spindle_speed: self.spindle_speed,
+            max_spindle_speed: self.max_spindle_speed,
             spindle_turns: (!self.unknown.has(UnknownModes::SPINDLE))
                 .then_some(self.spindle != SpindleRotation::Stopped),
         }

@@ -26,6 +26,7 @@ mod markers;
 #[cfg(unix)]
 mod materials;
 mod offsets;
+mod orient;
 #[cfg(target_os = "linux")]
 mod output;
 mod page;
@@ -51,6 +52,7 @@ mod start_points;
 mod state_files;
 mod stop_signals;
 mod streams;
+mod surface_speed;
 mod tip_up;
 mod tool_change;
 mod tool_length;

@@ -15,7 +15,9 @@ impl CanonExecutor<'_> {
     #[must_use]
     pub(crate) fn with_outputs(self, outputs: &Outputs) -> Self {
         let [spindle, speed] = [channel::SPINDLE, channel::SPEED].map(|channel| outputs[usize::from(channel)]);
-        Self { spindle_turns: Some(spindle != 0), rpm: f64::from(speed) / 1000.0, ..self }
+        let orientation = self.machine.spindle.orientation;
+        let is_oriented = orientation.is_some_and(|orientation| outputs[usize::from(orientation.output)] != 0);
+        Self { spindle_turns: Some(spindle != 0), rpm: f64::from(speed) / 1000.0, is_oriented, ..self }
     }
 
     /// Begins with the modes of the program before its first block.

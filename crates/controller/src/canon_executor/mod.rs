@@ -8,7 +8,9 @@ mod cut_areas;
 mod entered_length;
 mod feed;
 mod jet;
+mod orient;
 mod probing;
+mod surface_speed;
 mod switching;
 mod tool_height;
 mod unknown_path;
@@ -27,6 +29,7 @@ use crate::spline::chords;
 
 use cut_areas::CutAreas;
 use entered_length::LengthCorrection;
+use surface_speed::SurfaceSpeed;
 pub(crate) use tool_height::HEIGHT;
 use tool_height::LayerState;
 
@@ -89,6 +92,10 @@ pub(crate) struct CanonExecutor<'m> {
     feed_mm_per_turn: Option<f64>,
     /// Commanded speed of the spindle, turns per minute.
     rpm: f64,
+    /// The speed by X, under G96.
+    surface_speed: Option<SurfaceSpeed>,
+    /// Whether the spindle is held at an angle (M19).
+    is_oriented: bool,
     path: PathMode,
     /// The sources of the path mode: the path control as programmed, and the naive CAM tolerance (G64 Q), both in mm.
     path_control: PathControl,
@@ -138,6 +145,8 @@ impl<'m> CanonExecutor<'m> {
             feed_mm_min: 0.0,
             feed_mm_per_turn: None,
             rpm: 0.0,
+            surface_speed: None,
+            is_oriented: false,
             path: PathMode::blend(machine.blend_tolerance_mm),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naive_cam_mm: 0.0,
@@ -328,7 +337,7 @@ impl<'m> CanonExecutor<'m> {
             self.before_feed(line, sink)?;
         }
         self.layer_before_move(&own, is_rapid, line, sink)?;
-        sink.straight(own, feed, self.path, line)?;
+        self.give_line((&self.position(), own), feed, self.path, line, sink)?;
         self.record_move_end(position, &really);
         self.follow_contour();
         Ok(())
@@ -377,7 +386,7 @@ impl<'m> CanonExecutor<'m> {
         };
         self.before_feed(line, sink)?;
         self.layer_before_move(&own.end_mm, false, line, sink)?;
-        sink.arc(&own, self.feed(), self.path, line)?;
+        self.give_arc(&own, line, sink)?;
         self.record_move_end(position, &really);
         if let Some(areas) = self.cut_areas.as_mut().filter(|_| arc.plane == Plane::Xy) {
             areas.follow_arc([centre[Axis::X], centre[Axis::Y]], arc.turns, [really[Axis::X], really[Axis::Y]]);
@@ -400,6 +409,7 @@ impl<'m> CanonExecutor<'m> {
         // The mode in force is that of the spline's end; inside, a chord is not a separate block.
         let mut held = None;
         let feed = self.feed();
+        let mut start = self.position();
         chords(spline, deviation_mm / self.unit.millimetres(), |(x, y)| {
             let mut position = self.machine_position(&Pose::xyz(x, y, 0.0));
             for axis in &Axis::ALL[2..] {
@@ -408,14 +418,15 @@ impl<'m> CanonExecutor<'m> {
             let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
             let own: [f64; A] = self.machine_coordinates(&really)?;
             if let Some(before) = held.replace(own) {
-                sink.straight(before, feed, inside, line)?;
+                self.give_line((&start, before), feed, inside, line, sink)?;
+                start = before;
             }
             self.record_move_end(position, &really);
             self.follow_contour();
             Ok::<(), CanonError>(())
         })?;
         match held {
-            Some(last) => Ok(sink.straight(last, feed, self.path, line)?),
+            Some(last) => self.give_line((&start, last), feed, self.path, line, sink),
             None => Ok(()),
         }
     }

@@ -47,6 +47,9 @@ impl<'m> CanonExecutor<'m> {
             Canon::FloodOn => self.switch("M8", channel::FLOOD, 1, line, sink),
             Canon::MistOff => self.switch("M9", channel::MIST, 0, line, sink),
             Canon::FloodOff => self.switch("M9", channel::FLOOD, 0, line, sink),
+            Canon::SetSpindleSpeed(speed) if let Some(of) = self.surface_speed => {
+                self.set_surface_speed(*speed, of, line, sink)
+            }
             // unknown values of a check
             Canon::SetSpindleSpeed(rpm) if rpm.is_nan() => self.change_state(|t| t.set_rpm(f64::NAN)),
             Canon::Dwell(seconds) if seconds.is_nan() => Ok(()),
@@ -101,13 +104,13 @@ impl<'m> CanonExecutor<'m> {
             }
             // no pallet to move
             Canon::PalletShuttle => Ok(()),
-            Canon::SetSpindleMode(css) if *css > 0.0 => Err(CanonError::NotSupported("constant surface speed (G96)")),
+            Canon::SetSpindleMode(highest_rpm) => self.set_spindle_mode(*highest_rpm),
             // these need a spindle whose rotation the card can follow
             Canon::StartSpeedFeedSynch { .. } => Err(CanonError::NotSupported("thread cutting (G33, G76)")),
             Canon::RigidTap(_) => Err(CanonError::NotSupported("rigid tapping (G33.1)")),
-            Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
-                Err(CanonError::NotSupported("orienting the spindle (M19, G87)"))
-            }
+            Canon::OrientSpindle { degrees, timeout_s, .. } => self.orient_spindle(*degrees, *timeout_s, line, sink),
+            // Part of the function before it.
+            Canon::WaitSpindleOrientComplete(_) => Ok(()),
             Canon::Wait(wait) => self.read_input(wait, line, sink),
             Canon::SetMotionOutputValue { output, value } => self.set_analog("M67", *output, *value, line, sink),
             Canon::SetAuxOutputValue { output, value } => self.set_analog("M68", *output, *value, line, sink),
@@ -118,7 +121,6 @@ impl<'m> CanonExecutor<'m> {
             | Canon::SetFeedMode(_)
             | Canon::SelectPlane(_)
             | Canon::SetFeedReference
-            | Canon::SetSpindleMode(_)
             | Canon::StopSpeedFeedSynch
             | Canon::StartChange
             | Canon::ChangeToolNumber { .. }
@@ -168,7 +170,7 @@ impl<'m> CanonExecutor<'m> {
     }
 
     /// S: the speed of the spindle, or the power of a beam, which changes in passing while the beam is on (CUT-20).
-    fn set_speed<const A: usize>(
+    pub(super) fn set_speed<const A: usize>(
         &mut self,
         code: &'static str,
         value: i32,
@@ -228,6 +230,7 @@ impl<'m> CanonExecutor<'m> {
         }
         self.spindle_turns = Some(value != 0);
         if channel == channel::SPINDLE {
+            self.release_spindle((code, line), sink)?;
             return self.switch(code, channel, value, line, sink);
         }
         // The machine file describes the spindle's own output as M3; another output is switched as M64 and M65 do it.

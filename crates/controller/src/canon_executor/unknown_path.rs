@@ -51,7 +51,7 @@ impl CanonExecutor<'_> {
         self.rotation_deg = state.rotation_degrees;
         self.rotation = state.rotation_degrees.to_radians().sin_cos();
         let feed_mm = state.feed_rate * state.units.millimetres();
-        self.rpm = state.spindle_speed;
+        self.follow_surface_speed(state.max_spindle_speed, state.spindle_speed);
         self.spindle_turns = state.spindle_turns;
         self.feed_mm_per_turn = (state.feed_mode == Some(FeedMode::UnitsPerRevolution)).then_some(feed_mm);
         self.set_feed(if state.feed_mode.is_none() { f64::NAN } else { feed_mm });

@@ -6,6 +6,7 @@
 
 mod probing;
 mod tool_lengths;
+mod waiting_actions;
 mod write_error;
 
 use std::collections::VecDeque;
@@ -30,6 +31,7 @@ use crate::soft_limits::{LimitFinding, extremes};
 use crate::tool_length::LengthOffers;
 use probing::Answers;
 use tool_lengths::{Lengths, Planned};
+use waiting_actions::InnerActions;
 pub use write_error::{Cancelled, PlanWriteError};
 
 /// An exclusive instruction of the program, at the place where the motion is now.
@@ -110,6 +112,8 @@ pub struct PlanWriter<'r, const A: usize> {
     origins: VecDeque<SerialOrigin>,
     /// Output changes that wait for the first record of the move with their serial number.
     waiting_changes: VecDeque<WaitingChange>,
+    /// Actions within the next move.
+    inner_actions: InnerActions,
     /// Heights over the sheet that wait for their places, in the order of these, and their lines.
     heights: VecDeque<(RecordIndex, i32, u32)>,
     /// Modal states that wait for the first record of the move with that serial number.
@@ -151,6 +155,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             block: 0,
             origins: VecDeque::new(),
             waiting_changes: VecDeque::new(),
+            inner_actions: InnerActions::default(),
             heights: VecDeque::new(),
             modes: VecDeque::new(),
             outputs,
@@ -254,9 +259,11 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         mode: PathMode,
         line: u32,
     ) -> Result<(), PlanWriteError> {
+        let inner = std::mem::take(&mut self.inner_actions);
         let reach_mm = self.check_limits(&[end_mm], line)?;
-        self.planner.line(end_mm, feed, mode, self.serial.wrapping_add(1))?;
-        Ok(self.record_move(line, reach_mm)?)
+        let serial = self.serial.wrapping_add(1);
+        self.planner.marked_line(end_mm, feed, mode, serial, &inner.marks(serial))?;
+        Ok(self.record_move(line, reach_mm, &inner)?)
     }
 
     /// Plans an arc or helix of program line `line`.
@@ -264,16 +271,19 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// # Errors
     /// The reason why it is rejected; nothing has changed then.
     pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        let inner = std::mem::take(&mut self.inner_actions);
         let mut points = extremes(&self.planner.commanded_mm(), arc);
         points.push(arc.end_mm);
         let reach_mm = self.check_limits(&points, line)?;
-        self.planner.arc(arc, feed, mode, self.serial.wrapping_add(1))?;
-        Ok(self.record_move(line, reach_mm)?)
+        let serial = self.serial.wrapping_add(1);
+        self.planner.marked_arc(arc, feed, mode, serial, &inner.marks(serial))?;
+        Ok(self.record_move(line, reach_mm, &inner)?)
     }
 
-    fn record_move(&mut self, line: u32, reach_mm: [f64; 2]) -> Result<(), Cancelled> {
+    fn record_move(&mut self, line: u32, reach_mm: [f64; 2], inner: &InnerActions) -> Result<(), Cancelled> {
         self.serial = self.serial.wrapping_add(1);
         self.origins.push_back(SerialOrigin { serial: self.serial, line, block: self.block, reach_mm });
+        self.record_inner_actions(inner);
         self.drain()
     }
 
@@ -518,23 +528,6 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         }
         let place = self.ring.write();
         last.map_or(Ok(()), |(_, active)| self.send(PathItem::Active { place, active }))
-    }
-
-    /// Sends the actions before the move with that serial number, or before one that left no record.
-    fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
-        while let Some(WaitingChange { serial: of, change, line, unchanged_in_reverse: lasts }) =
-            self.waiting_changes.front().copied()
-            && !number_is_before(serial, of)
-        {
-            self.waiting_changes.pop_front();
-            let value = &mut self.outputs[usize::from(change.channel)];
-            let (place, channel) = (self.ring.write(), change.channel);
-            let before = if lasts { change.value } else { *value };
-            let action = OutputAction { place, channel, before, after: change.value };
-            *value = change.value;
-            self.send(PathItem::Action(action, line))?;
-        }
-        Ok(())
     }
 
     /// Sends the heights whose place is that of the next record.

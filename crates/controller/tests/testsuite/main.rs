@@ -11,6 +11,7 @@ mod operation;
 mod order;
 mod pico;
 mod rate_law;
+mod surface_speed;
 mod torch;
 mod track;
 mod wheel;

@@ -338,7 +338,8 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
     };
     let on_axis = (hole.at[first], hole.at[second]);
     let off_axis = (on_axis.0 + offset(first), on_axis.1 + offset(second));
-    let orient = Canon::OrientSpindle { degrees: 0.0, mode: if turn == SpindleTurn::Clockwise { 2 } else { 3 } };
+    let mode = if turn == SpindleTurn::Clockwise { 2 } else { 3 };
+    let orient = Canon::OrientSpindle { degrees: 0.0, mode, timeout_s: None };
     hole.at[normal] = clearance;
     hole.traverse_over(off_axis.0, off_axis.1);
     hole.emit.call(Canon::StopSpindleTurning(0));

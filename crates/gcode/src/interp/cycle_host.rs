@@ -118,11 +118,13 @@ impl SavedModes {
             emit.call(Canon::SetFeedRate(self.feed_rate));
         }
         let mode = (self.constant_surface_speed, self.max_spindle_speed);
-        if (state.constant_surface_speed, state.max_spindle_speed) != mode {
+        let differs = (state.constant_surface_speed, state.max_spindle_speed) != mode;
+        if differs {
             (state.constant_surface_speed, state.max_spindle_speed) = mode;
             emit.call(Canon::SetSpindleMode(self.max_spindle_speed));
         }
-        if state.spindle_speed != self.spindle_speed {
+        // In another mode the same number is another speed.
+        if differs || state.spindle_speed != self.spindle_speed {
             state.spindle_speed = self.spindle_speed;
             emit.call(Canon::SetSpindleSpeed(self.spindle_speed));
         }

@@ -32,7 +32,7 @@ impl Core {
         self.state.spindle = SpindleRotation::Stopped;
         if words.has_any(b"rp") {
             let degrees = words.get(b'r').unwrap_or_default() + self.orient_offset_degrees;
-            emit.call(Canon::OrientSpindle { degrees, mode });
+            emit.call(Canon::OrientSpindle { degrees, mode, timeout_s: words.get(b'q') });
         }
         match words.get(b'q') {
             None => Ok(()),

@@ -25,7 +25,7 @@ fn moves(program: &str) -> String {
             Canon::StartSpindleCounterclockwise(_) => "ccw".to_owned(),
             Canon::StopSpindleTurning(_) => "stop".to_owned(),
             Canon::ProgramStop => "pause".to_owned(),
-            Canon::OrientSpindle { degrees, mode } => format!("orient {degrees} {mode}"),
+            Canon::OrientSpindle { degrees, mode, .. } => format!("orient {degrees} {mode}"),
             Canon::StartSpeedFeedSynch { pitch } => format!("pitch {pitch}"),
             _ => return None,
         })
@@ -273,7 +273,7 @@ fn m19_turns_by_the_offset_too_and_without_r_and_p_it_only_stops() {
         let setup = Setup { orient_offset_degrees: offset, ..Setup::rs274() };
         let steps = Program::new(program.as_bytes(), setup).into_iter();
         let turns = steps.filter_map(|step| match step.canon {
-            Canon::OrientSpindle { degrees, mode } => Some((degrees, mode)),
+            Canon::OrientSpindle { degrees, mode, .. } => Some((degrees, mode)),
             _ => None,
         });
         turns.collect::<Vec<_>>()
