@@ -231,10 +231,8 @@ impl<const A: usize> Console<'_, A> {
             let space = if switched.is_empty() { "" } else { " " };
             *switched += &format!("{space}{channel}={value}");
         }
-        // For a person, the codes and the losses say it already.
-        let is_detail = matches!(event.kind, EventKind::CutterState { .. });
         match &self.show {
-            ConsoleOptions::Plain | ConsoleOptions::Bar(_) if is_detail => {}
+            ConsoleOptions::Plain | ConsoleOptions::Bar(_) if event.is_detail() => {}
             ConsoleOptions::Json => crate::out::line(event.to_json_naming(&self.names)),
             ConsoleOptions::Plain => crate::out::line(event.to_line(&self.names)),
             ConsoleOptions::Bar(bar) => bar.println(escape::lines(&event.to_line(&self.names))),

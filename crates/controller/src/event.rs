@@ -8,7 +8,7 @@ use retrace_config::ChannelNames;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::Timestamp;
-use retrace_link::{Alarm, CardFailure, CutterOffCause};
+use retrace_link::{Alarm, CardFailure, CutterOffCause, channel};
 use serde_json::{Value, json};
 
 use crate::contour_list::RestoredContour;
@@ -298,6 +298,18 @@ pub struct Event {
 }
 
 impl Event {
+    /// Whether a log for people leaves it out: the codes and the losses, or the readouts, show it already. S changes
+    /// all along the path under G96.
+    #[must_use]
+    pub const fn is_detail(&self) -> bool {
+        matches!(
+            self.kind,
+            EventKind::CutterState { .. }
+                | EventKind::OutputChanged(channel::SPEED, _)
+                | EventKind::RetraceSwitched(channel::SPEED, _)
+        )
+    }
+
     /// Converts the event to one JSON object.
     #[must_use]
     pub fn to_json(&self) -> Value {

@@ -12,6 +12,9 @@ use crate::model::ScreenModel;
 /// Text lines of an event; empty where the event is of no interest to an operator.
 #[must_use]
 pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
+    if event.is_detail() {
+        return Vec::new();
+    }
     let text = match &event.kind {
         EventKind::Started => "program started".into(),
         EventKind::Mode(mode) => match mode_text(*mode) {

@@ -175,6 +175,18 @@ fn a_record_has_one_change_of_the_speed() {
     assert!((rpm(last) / (SURFACE / (TAU * 0.5)) - 1.0).abs() < 0.01, "{last:?}");
 }
 
+/// A log for people is not flooded by it.
+#[test]
+fn the_log_shows_the_codes_and_not_each_change_of_the_speed() {
+    let bench = Bench::new();
+    bench.file("m.toml", machine(""));
+    bench.file("part.ngc", PROGRAM);
+    let result = bench.retrace(["run", "part.ngc", "--machine", "m.toml"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    let told = format!("{}{}", result.out, result.err);
+    assert!(told.contains("S done") && !told.contains("spindle speed"), "{told}");
+}
+
 /// Over the serial line.
 #[test]
 fn a_served_card_has_the_speed_of_the_radius() {
