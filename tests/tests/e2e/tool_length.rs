@@ -133,6 +133,18 @@ fn where_machine_coordinates_are_planned_already_it_is_refused() {
     assert_eq!((run.output.code, run.counts()[2], refusals(&run).len()), (Some(0), 17_500, 0), "{}", run.output.out);
 }
 
+/// The whole move is to machine coordinates, also where S changes along it.
+#[test]
+fn within_a_move_to_machine_coordinates_it_is_refused_under_g96_too() {
+    for mode in ["S1000", "G96 D3000 S100"] {
+        let program = SQUARE.replace("S1000", mode).replace("G1 X60\n", "G53 G1 X60\n");
+        let (run, _) = run(&program, &pause("tool length 12.5"));
+        let why = refusals(&run);
+        assert!(why.len() == 1 && why[0].contains("machine coordinates (G53, G28, G30)"), "{mode}: {why:?}");
+        assert_eq!((run.output.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.output.err, run.output.out);
+    }
+}
+
 /// Z ends at 20 mm.
 const LOW: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
     100\nmax_acceleration_mm_per_s2 = 1000\n\
