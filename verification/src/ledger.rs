@@ -115,6 +115,7 @@ const MODULES: &[Module] = modules! {
     threads,
     shipped_threads,
     fine,
+    gear,
     frames,
     steps,
     permit,

@@ -18,6 +18,7 @@ pub mod filter_balance;
 pub mod fine;
 pub mod frames;
 pub mod gates;
+pub mod gear;
 mod harness;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod ledger;

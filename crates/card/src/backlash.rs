@@ -11,7 +11,7 @@
 
 use retrace_core::limits::PulseLimits;
 
-use crate::checked_settings::{BACKLASH_IS_COMPENSATED, CheckedSettings};
+use crate::checked_settings::CheckedSettings;
 
 /// Backlash state of one axis.
 #[derive(Clone, Copy, Debug)]
@@ -80,7 +80,7 @@ impl<const A: usize> BacklashCompensation<A> {
     /// Whether backlash is being taken up.
     #[must_use]
     pub fn is_taking_up(&self) -> bool {
-        BACKLASH_IS_COMPENSATED && self.axes.iter().any(|backlash| backlash.remaining != 0)
+        self.axes.iter().any(|backlash| backlash.remaining != 0)
     }
 
     /// Returns the pulses to emit at the pins in a period with these increments of the path.

@@ -10,7 +10,6 @@ use retrace_link::{
     HostCommand, MAX_PULSE_US, Outputs, PROTOCOL, RepeatedInstruction,
 };
 
-use crate::checked_settings::BACKLASH_IS_COMPENSATED;
 use crate::homing::{HomingEnd, HomingSearch};
 use crate::safety_monitor::MotionState;
 use crate::spindle_pwm::{PwmSignal, duty_of};
@@ -126,6 +125,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         let wheel = self.inputs.read(&inputs);
         self.player.observe_probe(self.inputs.active(), inputs.probe_change);
         self.instruction_failed = inputs.failed;
+        let encoder_alarm = self.player.read_spindle(&inputs.spindle);
         let homing = self.homing.as_ref().map(HomingSearch::target_switch);
         let lit = self.player.is_lit();
         // Only the door switch and the collision inputs depend on it.
@@ -133,7 +133,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         self.player.set_collision(self.inputs.collision(true, 0));
         let probe_guarded = self.inputs.active() != 0 && (homing.is_some() || self.player.is_probe_guarded());
         let motion = MotionState { moving_or_switching: acting, lit, homing, probe_guarded };
-        if let Some(alarm) = self.safety.check(&self.inputs, motion) {
+        if let Some(alarm) = self.safety.check(&self.inputs, motion).or(encoder_alarm) {
             self.latch_alarm(alarm);
         }
         let alarm = match self.homing.take() {
@@ -154,7 +154,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         {
             self.latch_alarm(alarm);
         }
-        if BACKLASH_IS_COMPENSATED && let Some(settings) = &self.settings {
+        if let Some(settings) = &self.settings {
             self.pulses = self.backlash.add_compensation(&self.pulses, settings);
             self.player.set_taking_up_backlash(self.backlash.is_taking_up());
         }
@@ -272,6 +272,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         if let HostCommand::ArmProbe(arming) = &command
             && arming.input >= self.identity.inputs.min(16)
         {
+            return Err(CommandRefusal::Unsupported);
+        }
+        let asks_spindle = matches!(&command, HostCommand::Instruction(of) if of.spindle.is_some());
+        if asks_spindle && self.settings.as_ref().is_none_or(|of| of.settings().spindle.is_none()) {
             return Err(CommandRefusal::Unsupported);
         }
         let until = match &command {

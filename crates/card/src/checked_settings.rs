@@ -8,12 +8,9 @@ use retrace_link::{
     MAX_SAFE,
 };
 
+use crate::FOLLOWED_SPINDLES;
 use crate::outputs;
 use crate::step_direction::StepTiming;
-
-/// Whether this build compensates backlash. The feature `backlash` is on by default. A card without it rejects settings
-/// with backlash.
-pub(crate) const BACKLASH_IS_COMPENSATED: bool = cfg!(feature = "backlash");
 
 /// Checked settings.
 #[derive(Clone, Debug)]
@@ -39,7 +36,6 @@ impl<const A: usize> CheckedSettings<A> {
             && settings.watchdog_periods != 0
             && usize::from(settings.safe_count) <= MAX_SAFE
             && usize::from(settings.cutting.count) <= MAX_CUTTING_CHANNELS;
-        let backlash_supported = BACKLASH_IS_COMPENSATED || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
         let proofs = settings.cutting.channels().iter().filter_map(|of| of.proof);
         let proofs_exist = proofs.into_iter().all(|proof| proof.input < identity.inputs.min(MAX_INPUTS as u8));
         let layer_is_valid = settings.layer.is_none_or(|layer| {
@@ -53,10 +49,12 @@ impl<const A: usize> CheckedSettings<A> {
             identity.has_spindle_pwm && enables && is_bounded
         });
         let pwm_is_valid = settings.spindle_pwm.is_none_or(|pwm| identity.has_spindle_pwm && pwm.is_valid());
+        let spindle_is_valid =
+            settings.spindle.is_none_or(|of| FOLLOWED_SPINDLES > 0 && identity.has_spindle_encoder && of.is_valid());
         if !numbers
+            || !spindle_is_valid
             || !power_is_valid
             || !pwm_is_valid
-            || !backlash_supported
             || !inputs_exist(settings, identity.inputs)
             || !proofs_exist
             || !layer_is_valid

@@ -4,6 +4,8 @@
 
 use retrace_link::{InputSetting, InputUse, MAX_INPUTS};
 
+use crate::EncoderReading;
+
 /// Input values that a card reads once per control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InputLevels {
@@ -16,6 +18,8 @@ pub struct InputLevels {
     /// Part of the last period, in units of 2⁻¹⁶, in which the level of the probe's input changed first, on hardware
     /// that captures it.
     pub probe_change: Option<u16>,
+    /// The spindle's encoder.
+    pub spindle: EncoderReading,
 }
 
 /// Time for which the contact of a probe that is left may bounce, µs.

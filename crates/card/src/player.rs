@@ -15,13 +15,16 @@ use retrace_link::{
 
 use crate::layer::{LayerDrive, SheetFault};
 use crate::permit::PermitConditions;
-use crate::played_window::PlayedWindow;
 use crate::probe_drive::ProbeDrive;
 use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
-use crate::{ActionTable, CardWindow, CutterPermit, InstructionExecutor, OutputBank};
+use crate::{
+    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, GearDrive, InstructionExecutor, OutputBank,
+    SpindleFollower,
+};
 
 mod cutters;
+mod gearing;
 mod height;
 mod probing;
 mod repeating;
@@ -68,6 +71,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     layer: LayerDrive,
     /// Latch of the probe.
     probe: ProbeDrive<A>,
+    /// The spindle as it is measured, and the motion that follows it.
+    followed: [SpindleFollower; FOLLOWED_SPINDLES],
     /// Alarm of an instruction that could not begin.
     start_alarm: Option<Alarm>,
     /// Active collision input: no cutter is started.
@@ -130,6 +135,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             permit: CutterPermit::new(),
             layer: LayerDrive::new(),
             probe: ProbeDrive::new(),
+            followed: [SpindleFollower::NONE; FOLLOWED_SPINDLES],
             start_alarm: None,
             collision: None,
             conditions: PermitConditions {
@@ -178,6 +184,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.switching.reset(start.executed);
         (self.target, self.replay, self.block) = (RateTarget::ZERO, false, MotionBlock::None);
         self.probe = ProbeDrive::new();
+        for followed in &mut self.followed {
+            followed.monitor.configure(settings.spindle, settings.period_us);
+            followed.gear = GearDrive::new();
+        }
         (self.status.probe, self.status.probe_edge) = (self.probe.latch(), None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
@@ -234,7 +244,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Whether the machine is at rest and no instruction is being executed.
     pub(crate) fn is_at_rest(&self) -> bool {
-        self.drive.at_rest() && self.layer.at_rest() && !self.taking_up_backlash && !self.switching.is_busy()
+        self.path_is_at_rest() && self.layer.at_rest() && !self.taking_up_backlash && !self.switching.is_busy()
     }
 
     /// Whether the next period would move the machine or begin an instruction, or continue either.
@@ -259,6 +269,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     pub(crate) fn halt(&mut self, safe: &[OutputChange]) {
         self.target = RateTarget::ZERO;
         self.switching.cancel();
+        self.stop_spindle_of_gear();
         self.outputs.lock_safe(safe);
         self.update_status();
     }
@@ -274,6 +285,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// Returns the reason for the rejection; nothing has changed then.
     pub fn accept(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
         match command {
+            HostCommand::Ahead { place, record } | HostCommand::Behind { place, record, .. }
+                if !self.may_hold(place, &record) =>
+            {
+                return Err(CommandRefusal::Unsupported);
+            }
             HostCommand::Ahead { place: n, record } => {
                 self.window.push_ahead(n, record, self.stopping_place_behind())?
             }
@@ -351,7 +367,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// Whether the cursor is at rest on the place of the stored instruction, and motion beyond it is requested.
     fn is_due(&self) -> bool {
         let here = self.switching.waiting_place().is_some_and(|place| self.status.place == Place::start_of(place));
-        here && self.drive.at_rest()
+        here && self.path_is_at_rest()
             && !self.taking_up_backlash
             && self.unblocked_target() > Rate::ZERO
             && !self.switching.is_busy()
@@ -377,16 +393,15 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Returns the furthest place ahead that the cursor is at or cannot avoid reaching.
     fn stopping_place(&self) -> Place {
-        self.status.place.moved(self.drive.stopping_distance().max(Distance::ZERO))
+        match self.followed.first().and_then(|followed| followed.gear.reach()) {
+            Some(end) => Place::start_of(end),
+            None => self.status.place.moved(self.drive.stopping_distance().max(Distance::ZERO)),
+        }
     }
 
     /// Returns the furthest place behind that the cursor is at or cannot avoid reaching.
     fn stopping_place_behind(&self) -> Place {
         self.status.place.moved(self.drive.stopping_distance().min(Distance::ZERO))
-    }
-
-    fn record_window(&self) -> PlayedWindow<'_, CardWindow<A, W, S>> {
-        PlayedWindow::new(&self.window, self.switching.barrier())
     }
 
     /// Runs one control period. While an instruction is executed the machine is at rest.
@@ -412,10 +427,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         // The path comes to rest, and cutting outputs are switched off, before it runs backward.
         let turns = wanted < Rate::ZERO && self.permit.is_lit_forward_only(self.outputs.values());
         let (keeps, is_pulse) = (self.switching.keeps_cutter(), self.switching.is_pulse());
-        let ran = !self.drive.at_rest();
+        let ran = !self.path_is_at_rest();
         let mut alarm = self.start_alarm.take();
         self.run_layer(active);
-        match self.switching.run_period(active, failed, &mut self.outputs, &mut self.layer) {
+        let spindle = self.followed.first_mut();
+        match self.switching.run_period(active, failed, &mut self.outputs, &mut self.layer, spindle) {
             Some(InstructionFault::Alarm(fault)) => alarm = Some(fault),
             Some(InstructionFault::NotStarted) => self.block_start(CutterOffCause::NotStarted, from),
             Some(InstructionFault::NoSheet(SheetFault::NoSheet)) => self.block_start(CutterOffCause::NoSheet, from),
@@ -425,13 +441,16 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             None => {}
         }
         self.release_block();
-        let window = PlayedWindow::new(&self.window, self.switching.barrier());
-        let target = if turns || wanted == Rate::ZERO {
-            Rate::ZERO
-        } else {
-            self.drive.within_overrides(from, self.probing_target(self.target), &window)
+        let step = match self.run_gear(from, wanted > Rate::ZERO && !turns) {
+            Some((step, fault)) => {
+                alarm = alarm.or(fault);
+                step
+            }
+            None => {
+                let target = self.requested_target(from);
+                self.step_drive(from, if turns || wanted == Rate::ZERO { None } else { Some(target) })
+            }
         };
-        let step = self.drive.step(from, target, &window);
         // The drive never leaves the window, so the records are held; if one were missing, the card would stop.
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {
             // at most eight records per period, so they fit 32 bits by far
@@ -479,7 +498,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Whether the axes are at rest.
     fn has_stopped(&self) -> bool {
-        self.drive.at_rest() && self.layer.at_rest() && !self.off_path && !self.taking_up_backlash
+        self.path_is_at_rest() && self.layer.at_rest() && !self.off_path && !self.taking_up_backlash
     }
 
     /// Prepares motion off the path.
@@ -552,7 +571,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     }
 
     fn update_status(&mut self) {
-        let (at_rest, beam_power) = (self.has_stopped(), self.beam_power());
+        let (at_rest, beam_power, spindle) = (self.has_stopped(), self.beam_power(), self.spindle_status());
         let status = &mut self.status;
         status.at_rest = at_rest;
         status.low = self.window.low();
@@ -563,6 +582,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         status.outputs = *self.outputs.values();
         status.beam_power = beam_power;
         status.layer = self.layer.layer();
+        status.spindle = spindle;
     }
 }
 

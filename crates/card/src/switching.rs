@@ -6,10 +6,12 @@
 //! passes the place of an instruction that is not executed.
 
 use retrace_core::RecordIndex;
-use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, LayerMove, OutputChange, RepeatedInstruction};
+use retrace_link::{
+    Alarm, CommandRefusal, InputWait, Instruction, LayerMove, OutputChange, RepeatedInstruction, SpindleTask,
+};
 
-use crate::OutputBank;
 use crate::layer::{LayerDrive, LayerProgress, SheetFault};
+use crate::{OutputBank, SpindleFollower};
 
 /// Stage of the pending instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,6 +57,8 @@ enum InstructionProgress {
     SwitchOn,
     Complete,
     TimedOut,
+    /// The spindle is not at speed, or its index not known, in time.
+    NotAtSpeed,
     NotStarted,
     /// The sheet was not found; nothing is switched.
     NoSheet(SheetFault),
@@ -197,6 +201,28 @@ impl Execution {
     }
 }
 
+/// Waits for the spindle, and prepares the gear of a stretch behind the instruction. `passed`: control periods of the
+/// instruction.
+fn run_spindle_task(
+    task: SpindleTask,
+    instruction: &Instruction,
+    passed: u32,
+    spindle: Option<&mut SpindleFollower>,
+) -> InstructionProgress {
+    let Some(SpindleFollower { monitor: spindle, gear }) = spindle else { return InstructionProgress::NotAtSpeed };
+    let Some(settings) = spindle.settings() else { return InstructionProgress::NotAtSpeed };
+    let is_ready = spindle.is_at_speed() && (task == SpindleTask::AtSpeed || spindle.zero_angle().is_some());
+    if !is_ready {
+        let is_late = passed > instruction.periods.saturating_add(settings.timeout_periods);
+        return if is_late { InstructionProgress::NotAtSpeed } else { InstructionProgress::Running };
+    }
+    match task {
+        SpindleTask::AtSpeed => InstructionProgress::Complete,
+        SpindleTask::Gear(start) if gear.arm(instruction.place, start, spindle) => InstructionProgress::Complete,
+        SpindleTask::Gear(_) => InstructionProgress::NotAtSpeed,
+    }
+}
+
 fn apply_changes(changes: &[OutputChange], outputs: &mut OutputBank) {
     for &change in changes {
         outputs.set(change);
@@ -300,7 +326,8 @@ impl InstructionExecutor {
     pub fn begin(&mut self, outputs: &mut OutputBank, layer: &mut LayerDrive) {
         let Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) = self.pending else { return };
         let execution = Execution::begin(instruction.changes(), instruction.layer, outputs, layer);
-        if instruction.periods == 0 && instruction.until.is_none() && instruction.layer.is_none() {
+        let awaits = instruction.until.is_some() || instruction.layer.is_some() || instruction.spindle.is_some();
+        if instruction.periods == 0 && !awaits {
             self.complete(&instruction);
         } else {
             self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(execution) });
@@ -349,6 +376,7 @@ impl InstructionExecutor {
         failed: bool,
         outputs: &mut OutputBank,
         layer: &mut LayerDrive,
+        spindle: Option<&mut SpindleFollower>,
     ) -> Option<InstructionFault> {
         if let Some(PendingRepeat { instruction, execution }) = self.repeat {
             return self.run_repeat_period(&instruction, execution, (active, failed), outputs, layer);
@@ -363,7 +391,12 @@ impl InstructionExecutor {
             return Some(InstructionFault::Alarm(Alarm::Failed { instruction: number }));
         }
         let timing = (instruction.periods, instruction.until, instruction.layer);
-        let progress = execution.run_with_layer(timing, active, layer);
+        let mut progress = execution.run_with_layer(timing, active, layer);
+        if progress == InstructionProgress::Complete
+            && let Some(task) = instruction.spindle
+        {
+            progress = run_spindle_task(task, &instruction, execution.passed, spindle);
+        }
         self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(execution) });
         match progress {
             InstructionProgress::Running => {}
@@ -373,6 +406,10 @@ impl InstructionExecutor {
             InstructionProgress::TimedOut => {
                 self.cancel();
                 return Some(InstructionFault::Alarm(Alarm::TimedOut { instruction: number }));
+            }
+            InstructionProgress::NotAtSpeed => {
+                self.cancel();
+                return Some(InstructionFault::Alarm(Alarm::NotAtSpeed));
             }
             InstructionProgress::NotStarted => {
                 switch_off(instruction.changes(), outputs);
@@ -410,7 +447,7 @@ impl InstructionExecutor {
                 }
                 return None;
             }
-            InstructionProgress::TimedOut => {
+            InstructionProgress::TimedOut | InstructionProgress::NotAtSpeed => {
                 return Some(InstructionFault::Alarm(Alarm::TimedOut { instruction: number }));
             }
             InstructionProgress::NotStarted => {
@@ -507,7 +544,7 @@ mod tests {
         switching.store(instruction(1, 2, None), &outputs).expect("the next number");
         assert_eq!(
             (
-                switching.run_period(0, false, &mut outputs, &mut LayerDrive::new()),
+                switching.run_period(0, false, &mut outputs, &mut LayerDrive::new(), None),
                 spindle(&outputs),
                 switching.is_busy()
             ),
@@ -515,12 +552,12 @@ mod tests {
         );
         switching.begin(&mut outputs, &mut LayerDrive::new());
         assert_eq!((spindle(&outputs), switching.is_busy()), (1, true));
-        switching.run_period(0, false, &mut outputs, &mut LayerDrive::new());
+        switching.run_period(0, false, &mut outputs, &mut LayerDrive::new(), None);
         assert_eq!(
             (switching.executed(), switching.store(instruction(2, 0, None), &outputs)),
             (0, Err(CommandRefusal::Busy))
         );
-        switching.run_period(0, false, &mut outputs, &mut LayerDrive::new());
+        switching.run_period(0, false, &mut outputs, &mut LayerDrive::new(), None);
         assert_eq!(switching.executed(), 1);
         switching.store(instruction(2, 0, None), &outputs).expect("the next number");
         switching.begin(&mut outputs, &mut LayerDrive::new());
@@ -544,8 +581,13 @@ mod tests {
         switching.store(instruction(1, periods, until), &outputs).expect("the next number");
         switching.begin(&mut outputs, &mut LayerDrive::new());
         for n in 1..100 {
-            let alarm = match switching.run_period(u16::from(n >= at) << 5, false, &mut outputs, &mut LayerDrive::new())
-            {
+            let alarm = match switching.run_period(
+                u16::from(n >= at) << 5,
+                false,
+                &mut outputs,
+                &mut LayerDrive::new(),
+                None,
+            ) {
                 Some(InstructionFault::Alarm(alarm)) => Some(alarm),
                 None => None,
                 Some(InstructionFault::NotStarted | InstructionFault::NoSheet(_)) => panic!("no cutter"),
@@ -575,10 +617,10 @@ mod tests {
     fn a_failure_that_the_machine_reports_ends_it_unexecuted() {
         let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
         switching.store(instruction(1, 5, None), &outputs).expect("the next number");
-        assert_eq!(switching.run_period(0, true, &mut outputs, &mut LayerDrive::new()), None);
+        assert_eq!(switching.run_period(0, true, &mut outputs, &mut LayerDrive::new(), None), None);
         switching.begin(&mut outputs, &mut LayerDrive::new());
         assert_eq!(
-            switching.run_period(0, true, &mut outputs, &mut LayerDrive::new()),
+            switching.run_period(0, true, &mut outputs, &mut LayerDrive::new(), None),
             Some(InstructionFault::Alarm(Alarm::Failed { instruction: 1 }))
         );
         assert_eq!((switching.executed(), switching.is_busy(), switching.waiting_place()), (0, false, None));

@@ -101,6 +101,11 @@ impl<const A: usize> CheckReport<'_, A> {
         text += &self.measurements_text();
         let barriers = analysis.barriers.iter().map(|barrier| format!("{} of line {}", barrier.code, barrier.line));
         text += &list_line("cannot be passed backward", barriers);
+        let threads = analysis
+            .threads
+            .iter()
+            .map(|(line, [run_in, run_out])| format!("line {line}: run-in {run_in:.2} mm, run-out {run_out:.2} mm"));
+        text += &list_line("threads", threads);
         text += &list_line("stops", analysis.stops.iter().map(|line| format!("line {line}")));
         text
     }
@@ -191,6 +196,9 @@ impl<const A: usize> CheckReport<'_, A> {
             "tools": tools.collect::<Vec<_>>(),
             "feed_mm_per_min": range(analysis.feed_mm_per_min),
             "speed_rpm": range(analysis.speed_rpm),
+            "threads": analysis.threads.iter()
+                .map(|(line, [run_in, run_out])| json!({ "line": line, "run_in_mm": run_in, "run_out_mm": run_out }))
+                .collect::<Vec<_>>(),
             "barriers": analysis.barriers.iter().map(|b| json!({ "line": b.line, "code": b.code })).collect::<Vec<_>>(),
             "stops": analysis.stops,
             "total_s": self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods),

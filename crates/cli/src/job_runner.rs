@@ -10,8 +10,8 @@ use std::time::Instant;
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
     CommandReceiver, CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, JobStartError, JournalRecorder,
-    Observer, Outcome, Report, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script,
-    resume_job,
+    Observer, Outcome, Report, ResumeError, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer, Telemetry,
+    parse_script, resume_job,
 };
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
@@ -275,6 +275,11 @@ pub fn prepare_real_time() {
 fn start_error(why: JobStartError) -> NumberedError {
     match why {
         JobStartError::Machine(why) => NumberedError::new("E2112", why, "a shorter history_hours in the machine file"),
+        JobStartError::Resume(why @ ResumeError::InThread { .. }) => NumberedError::new(
+            "E2219",
+            why.to_string(),
+            "move the tool clear of the work, then begin before the thread: `retrace resume JOB --from-line N`",
+        ),
         JobStartError::Resume(why) => NumberedError::new(
             "E2216",
             format!("the breakpoint was not found: {why}"),

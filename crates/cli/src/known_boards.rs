@@ -20,6 +20,7 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         outputs: 4,
         inputs: 8,
         has_spindle_pwm: false,
+        has_spindle_encoder: false,
         window: 1024,
         memory: 256,
         tick_hz: 2_000_000,
@@ -31,6 +32,7 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         name: *b"retrace-rp2040\0\0",
         inputs: 6,
         has_spindle_pwm: true,
+        has_spindle_encoder: false,
         tick_hz: 125_000_000,
         max_period_us: 4000,
         ..stm32f4(1000)

@@ -92,6 +92,9 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
     } else if machine.spindle_pwm().is_some() && !identity.has_spindle_pwm {
         misfits.push("card.spindle_pwm is set; the card has no output for S".into());
     }
+    if machine.encoder.is_some() && !identity.has_spindle_encoder {
+        misfits.push("spindle.counts_per_turn is set; the card reads no encoder of a spindle".into());
+    }
     if let (true, Err(_)) = (misfits.is_empty(), max_pulses) {
         misfits
             .push("the card does not support this step_pulse_us and direction_setup_us at this control period".into());

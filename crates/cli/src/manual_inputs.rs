@@ -2,16 +2,17 @@
 //!
 //! Invariant: a line that cannot be parsed has no effect, and is reported.
 
-use retrace_hal_sim::CardSimulator;
+use retrace_hal_sim::{CardSimulator, SpindlePlant};
 use retrace_link::{InputSetting, InputUse};
 
 /// Syntax of the lines.
 const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
     probe`, `press breakaway`, \
-    `input 5 on`, `input 5 off`, `unplug`, `plug in`, `power off`, `power on`";
+    `input 5 on`, `input 5 off`, `unplug`, `plug in`, `power off`, `power on`, `spindle load 30% for 200ms`, `spindle \
+    stall`, `spindle free`, `spindle turn -2`, `encoder dead`, `encoder lose 7`, `encoder no-index`";
 
 /// Manual input.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ManualInput {
     /// Turns the handwheel at this number of counts per second, for this number of microseconds.
     Wheel { counts_per_s: i32, for_us: u64 },
@@ -23,6 +24,25 @@ pub enum ManualInput {
     Cable { is_in: bool },
     /// Switches the card off or on: its state and position are lost, and the machine stays where it is.
     Power { is_on: bool },
+    /// Something happens to the spindle or its encoder.
+    Spindle(SpindleEvent),
+}
+
+/// What happens to the spindle or its encoder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpindleEvent {
+    /// It loses this part of its speed for so many microseconds.
+    Load(f64, u64),
+    /// It is stopped at once, or free again.
+    Stalled(bool),
+    /// It is turned by hand by so many turns, at half a turn per second.
+    Turned(f64),
+    /// Its encoder shows nothing any more.
+    EncoderDead,
+    /// Its encoder loses so many counts.
+    CountsLost(i64),
+    /// Its encoder shows no index any more.
+    IndexLost,
 }
 
 impl ManualInput {
@@ -55,6 +75,7 @@ impl ManualInput {
             }
             ["unplug"] => Self::Cable { is_in: false },
             ["plug", "in"] => Self::Cable { is_in: true },
+            ["spindle" | "encoder", ..] => Self::Spindle(SpindleEvent::read(&words).ok_or_else(wrong)?),
             ["power", state @ ("on" | "off")] => Self::Power { is_on: state == "on" },
             _ => return Err(wrong()),
         }))
@@ -68,7 +89,42 @@ impl ManualInput {
             Self::Wheel { counts_per_s, for_us } => machine.turn_wheel_for(now_us, counts_per_s, for_us),
             Self::Notch(counts) => machine.turn_wheel(counts),
             Self::Input { number, active } => machine.set_input(number, active),
+            Self::Spindle(event) => {
+                if let Some(spindle) = machine.spindle() {
+                    event.apply(spindle);
+                }
+            }
             Self::Cable { .. } | Self::Power { .. } => {}
+        }
+    }
+}
+
+impl SpindleEvent {
+    /// Parses the words of a line; `None` if they are no event.
+    fn read(words: &[&str]) -> Option<Self> {
+        Some(match *words {
+            ["spindle", "load", part, "for", time] => {
+                let percent: f64 = part.strip_suffix('%')?.parse().ok()?;
+                Self::Load((0.0..=100.0).contains(&percent).then_some(percent / 100.0)?, microseconds(time)?)
+            }
+            ["spindle", "stall"] => Self::Stalled(true),
+            ["spindle", "free"] => Self::Stalled(false),
+            ["spindle", "turn", turns] => Self::Turned(turns.parse().ok().filter(|turns: &f64| turns.abs() <= 1000.0)?),
+            ["encoder", "dead"] => Self::EncoderDead,
+            ["encoder", "lose", counts] => Self::CountsLost(i64::from(counts.parse::<i32>().ok()?)),
+            ["encoder", "no-index"] => Self::IndexLost,
+            _ => return None,
+        })
+    }
+
+    fn apply(self, spindle: &mut SpindlePlant) {
+        match self {
+            Self::Load(part, us) => spindle.set_load(part, us),
+            Self::Stalled(is_stalled) => spindle.set_stalled(is_stalled),
+            Self::Turned(turns) => spindle.turn_by_hand(turns),
+            Self::EncoderDead => spindle.kill_encoder(),
+            Self::CountsLost(counts) => spindle.add_wrong_counts(-counts),
+            Self::IndexLost => spindle.lose_index(),
         }
     }
 }
@@ -113,6 +169,11 @@ mod tests {
         assert_eq!(read("plug in"), Some(ManualInput::Cable { is_in: true }));
         assert_eq!(read("power off"), Some(ManualInput::Power { is_on: false }));
         assert_eq!(read("power on"), Some(ManualInput::Power { is_on: true }));
+        let spindle = |event| Some(ManualInput::Spindle(event));
+        assert_eq!(read("spindle load 30% for 200ms"), spindle(SpindleEvent::Load(0.3, 200_000)));
+        assert_eq!(read("spindle stall"), spindle(SpindleEvent::Stalled(true)));
+        assert_eq!(read("spindle turn -2.5"), spindle(SpindleEvent::Turned(-2.5)));
+        assert_eq!(read("encoder lose 7"), spindle(SpindleEvent::CountsLost(7)));
         assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [
@@ -129,6 +190,9 @@ mod tests {
             "input 16 on",
             "input 5",
             "wheel 40000",
+            "spindle",
+            "spindle load 130% for 1s",
+            "encoder lose many",
         ] {
             assert!(ManualInput::read(bad, &inputs).expect_err(bad).contains("is not a manual input"), "{bad}");
         }

@@ -12,7 +12,8 @@ use retrace_config::{
     CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError, SpindleOrientation,
 };
 use retrace_hal_sim::{
-    Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings, Switch, source_faults,
+    Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings, SpindleSimulation, Switch,
+    source_faults,
 };
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
@@ -86,6 +87,11 @@ pub fn hung_on<const A: usize>(machine: &MachineConfig, faults: &SourceFaults) -
         settings.switches.extend(ohmic.map(|&input| switch(input, tip)));
     }
     settings.replies = replies(machine);
+    settings.spindle = machine.encoder.map(|encoder| SpindleSimulation {
+        counts_per_turn: encoder.settings.counts_per_turn,
+        is_inverted: encoder.settings.is_inverted,
+        ..SpindleSimulation::default()
+    });
     settings.sources = sources(machine, faults);
     settings
 }

@@ -46,6 +46,7 @@ impl MachineConfig {
             ),
             layer: self.tool_layer().map(|layer| layer.settings(self.period_s())),
             spindle_pwm: self.spindle_pwm(),
+            spindle: self.encoder.map(|encoder| encoder.settings),
             ..CardSettings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {

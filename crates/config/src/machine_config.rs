@@ -24,8 +24,8 @@ use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
 use crate::serial::SerialSettings;
 use crate::sheet_contacts;
 use crate::sheet_sensing::ToolLayer;
-use crate::spindle_config::FeedPerTurn;
-use crate::spindle_settings::SpindleSettings;
+use crate::spindle_config::{EncoderConfig, FeedPerTurn};
+use crate::spindle_settings::SpindleConfig;
 use crate::switching::SwitchingTable;
 use crate::tool_change_config::{ToolChange, ToolChangeConfig};
 
@@ -79,8 +79,10 @@ pub struct MachineConfig {
     pub manual_tool_change: ToolChangeConfig,
     /// What the feed of G95 follows.
     pub feed_per_turn: FeedPerTurn,
+    /// Encoder of the spindle; `None` without one.
+    pub encoder: Option<EncoderConfig>,
     /// Speeds of the spindle under G96, and its orientation.
-    pub spindle: SpindleSettings,
+    pub spindle: SpindleConfig,
     /// What happens to a running program when the page in control loses its link.
     pub on_lost_control: OnLostControl,
     /// How the speed along the path is planned.
@@ -228,6 +230,7 @@ impl MachineConfig {
             tool_change: file.tool_change,
             manual_tool_change,
             feed_per_turn: file.spindle.feed_per_turn,
+            encoder: file.spindle.checked_encoder(period_us)?,
             spindle,
             on_lost_control: file.on_lost_control,
             plan_mode: file.plan,

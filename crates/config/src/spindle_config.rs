@@ -1,28 +1,50 @@
-//! The spindle, `[spindle]` (SPN-1, SPN-8).
+//! The spindle, `[spindle]` (SPN-1, SPN-6, SPN-8, SPN-12).
 //!
 //! Invariant: without a word about it, nothing follows a spindle that the card does not measure.
 
+use retrace_link::SpindleSettings;
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+use crate::numbered_error::NumberedError;
+use crate::value_range::within;
 
 /// What the feed of G95 follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FeedPerTurn {
-    /// The measured speed, which needs an encoder: no card reads one yet, and G95 is refused.
+    /// The measured speed, which needs an encoder; without one, G95 is refused.
     #[default]
     Measured,
     /// The commanded speed, S: the spindle is taken to turn at it.
     Commanded,
 }
 
+/// Direction in which the encoder counts up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum EncoderDirection {
+    /// Clockwise (M3).
+    #[default]
+    Clockwise,
+    /// Counter-clockwise (M4).
+    CounterClockwise,
+}
+
 /// The spindle, `[spindle]`.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct SpindleSection {
     /// What the feed of G95 follows.
     pub(crate) feed_per_turn: FeedPerTurn,
-    /// Highest speed in turns per minute under G96. Without it, G96 needs a D word.
+    /// Counts of the encoder in a turn of the spindle, 4 … 131 072: four times its lines. Without it there is no
+    /// encoder.
+    counts_per_turn: Option<u32>,
+    /// Direction in which the encoder counts up.
+    direction: EncoderDirection,
+    /// Whether the encoder has an index, which threads need.
+    index: bool,
+    /// Highest speed in turns per minute: with an encoder, and under G96, which needs a D word without it.
     #[schemars(range(min = 1.0, max = 1_000_000.0))]
     pub(crate) max_rpm: Option<f64>,
     /// Lowest speed in turns per minute under G96.
@@ -37,4 +59,104 @@ pub(crate) struct SpindleSection {
     /// Angle of the drive in degrees: the only R that M19 may have.
     #[schemars(range(min = 0.0, max = 360.0))]
     pub(crate) orient_angle_deg: f64,
+    /// Largest difference from the commanded speed at which the spindle is at speed, percent, 0.1 … 50.
+    at_speed_percent: f64,
+    /// Time for which it has to be at speed, ms, 0 … 10 000.
+    at_speed_ms: f64,
+    /// Time after which a spindle that is not at speed is an alarm, s, 0.1 … 600.
+    at_speed_timeout_s: f64,
+    /// By how much the plan of a thread is faster than the commanded speed, percent, 0 … 200: as much faster may the
+    /// spindle turn.
+    thread_margin_percent: f64,
+    /// Largest lag behind the spindle in a thread, mm along the path, 0.001 … 1.
+    thread_tolerance_mm: f64,
+}
+
+impl Default for SpindleSection {
+    fn default() -> Self {
+        Self {
+            feed_per_turn: FeedPerTurn::Measured,
+            counts_per_turn: None,
+            direction: EncoderDirection::Clockwise,
+            index: true,
+            max_rpm: None,
+            min_rpm: 0.0,
+            orient_output: None,
+            orient_input: None,
+            orient_angle_deg: 0.0,
+            at_speed_percent: 5.0,
+            at_speed_ms: 100.0,
+            at_speed_timeout_s: 10.0,
+            thread_margin_percent: 25.0,
+            thread_tolerance_mm: 0.02,
+        }
+    }
+}
+
+/// A spindle with an encoder, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EncoderConfig {
+    /// What the card receives.
+    pub settings: SpindleSettings,
+    /// Speed for which a thread is planned, as a multiple of the commanded one.
+    pub thread_margin: f64,
+    /// Largest lag in a thread, mm along the path.
+    pub thread_tolerance_mm: f64,
+}
+
+impl SpindleSection {
+    /// Checks the section. `None` without an encoder.
+    pub(crate) fn checked_encoder(&self, period_us: u32) -> Result<Option<EncoderConfig>, NumberedError> {
+        within("spindle.at_speed_percent", self.at_speed_percent, 0.1, 50.0)?;
+        within("spindle.at_speed_ms", self.at_speed_ms, 0.0, 10_000.0)?;
+        within("spindle.at_speed_timeout_s", self.at_speed_timeout_s, 0.1, 600.0)?;
+        within("spindle.thread_margin_percent", self.thread_margin_percent, 0.0, 200.0)?;
+        within("spindle.thread_tolerance_mm", self.thread_tolerance_mm, 0.001, 1.0)?;
+        let Some(counts_per_turn) = self.counts_per_turn else { return Ok(None) };
+        let most = f64::from(retrace_core::gear::MAX_COUNTS_PER_TURN);
+        within("spindle.counts_per_turn", f64::from(counts_per_turn), 4.0, most)?;
+        let Some(max_rpm) = self.max_rpm else {
+            let cause = "[spindle] counts_per_turn without max_rpm";
+            return Err(NumberedError::new("E2112", cause, "max_rpm: the highest speed of the spindle"));
+        };
+        let periods = |ms: f64| (ms * 1000.0 / f64::from(period_us)).ceil();
+        let settings = SpindleSettings {
+            counts_per_turn,
+            is_inverted: self.direction == EncoderDirection::CounterClockwise,
+            has_index: self.index,
+            at_speed_permille: (self.at_speed_percent * 10.0).round() as u16,
+            at_speed_periods: periods(self.at_speed_ms).min(f64::from(u16::MAX)) as u16,
+            timeout_periods: periods(self.at_speed_timeout_s * 1000.0) as u32,
+            highest_speed: (max_rpm * 1000.0) as u32,
+        };
+        let thread_margin = 1.0 + self.thread_margin_percent / 100.0;
+        Ok(Some(EncoderConfig { settings, thread_margin, thread_tolerance_mm: self.thread_tolerance_mm }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::MachineConfig;
+
+    fn encoder(text: &str) -> Result<Option<super::EncoderConfig>, String> {
+        let axis = "[[axis]]\nname = \"z\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
+                    100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-200, 200]\n";
+        let machine = MachineConfig::parse(&format!("{axis}[spindle]\n{text}\n"), "m").map_err(|e| e.to_string())?;
+        Ok(machine.encoder)
+    }
+
+    #[test]
+    fn an_encoder_needs_its_counts_and_a_highest_speed() {
+        assert_eq!(encoder(""), Ok(None));
+        let found = encoder("counts_per_turn = 400\nmax_rpm = 3000\ndirection = \"counter-clockwise\"").expect("valid");
+        let found = found.expect("an encoder");
+        assert_eq!((found.settings.counts_per_turn, found.settings.highest_speed), (400, 3_000_000));
+        assert!(found.settings.is_inverted && found.settings.has_index && found.settings.is_valid());
+        assert_eq!((found.settings.at_speed_permille, found.settings.at_speed_periods), (50, 100));
+        assert!((found.thread_margin - 1.25).abs() < 1e-12);
+        assert!(encoder("counts_per_turn = 400").expect_err("no speed").contains("max_rpm"));
+        for wrong in ["counts_per_turn = 3\nmax_rpm = 100", "at_speed_percent = 60", "thread_tolerance_mm = 0"] {
+            assert!(encoder(wrong).is_err(), "{wrong}");
+        }
+    }
 }

@@ -23,7 +23,7 @@ pub struct SpindleOrientation {
 
 /// Speeds and orientation of the spindle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpindleSettings {
+pub struct SpindleConfig {
     /// Lowest speed under G96, turns per minute.
     pub min_rpm: f64,
     /// Highest speed under G96, turns per minute; infinite where the machine file has none.
@@ -37,16 +37,12 @@ impl SpindleSection {
     ///
     /// # Errors
     /// `E2112` for a value out of range, and for an output or input that cannot be that of the orientation.
-    pub(crate) fn checked(
-        &self,
-        cutters: &[CutterConfig],
-        card: &CardConfig,
-    ) -> Result<SpindleSettings, NumberedError> {
+    pub(crate) fn checked(&self, cutters: &[CutterConfig], card: &CardConfig) -> Result<SpindleConfig, NumberedError> {
         let max_rpm = self.max_rpm.unwrap_or(f64::INFINITY);
         within("spindle.max_rpm", self.max_rpm.unwrap_or(1.0), 1.0, 1e6)?;
         within("spindle.min_rpm", self.min_rpm, 0.0, max_rpm.min(1e6))?;
         within("spindle.orient_angle_deg", self.orient_angle_deg, 0.0, 360.0)?;
-        Ok(SpindleSettings { min_rpm: self.min_rpm, max_rpm, orientation: self.orientation(cutters, card)? })
+        Ok(SpindleConfig { min_rpm: self.min_rpm, max_rpm, orientation: self.orientation(cutters, card)? })
     }
 
     fn orientation(

@@ -7,6 +7,7 @@ use retrace_motion::MoveError;
 use crate::check_finding::CheckFinding;
 use crate::plan_writer::PlanWriteError;
 use crate::soft_limits::LimitFinding;
+use crate::thread_plan::ThreadError;
 
 /// Reason why a canonical function cannot be executed on this machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +46,12 @@ pub(crate) enum CanonError {
     },
     /// E4315: a feed per turn, for this reason.
     FeedPerTurn(&'static str),
+    /// E4320: a thread on a machine without an encoder with an index.
+    NoEncoder,
+    /// E4321: a thread with the spindle at no speed.
+    ThreadWithoutSpeed,
+    /// E4322 … E4324: a thread that the machine cannot cut; it begins in this line.
+    Thread(ThreadError, u32),
     /// E4316: a probing move at a feed per turn.
     FeedPerTurnInProbing,
     /// E4317: G96 without a highest speed.
@@ -132,6 +139,28 @@ impl CanonError {
             Self::FeedPerTurnInProbing => {
                 ("E4316", "a probing move (G38) at a feed per turn (G95)".into(), "G94 and a feed per minute before it")
             }
+            Self::NoEncoder => (
+                "E4320",
+                "a thread (G33, G76), and the machine file has no encoder with an index".into(),
+                "counts_per_turn and max_rpm in [spindle], for an encoder on the spindle; index = true if it has one",
+            ),
+            Self::ThreadWithoutSpeed => (
+                "E4321",
+                "a thread (G33, G76) with the spindle at no speed".into(),
+                "an S word above 0 before it; a thread is planned for the commanded speed",
+            ),
+            Self::Thread(error @ ThreadError::TooFast { .. }, _) => {
+                ("E4322", error.to_string(), "a lower S, or a lower thread_margin_percent in [spindle]")
+            }
+            Self::Thread(error @ ThreadError::TooShort { .. }, _) => {
+                ("E4323", error.to_string(), "begin further away from the work and end behind it, or a lower S")
+            }
+            Self::Thread(error @ ThreadError::StopsInside, _) => {
+                ("E4324", error.to_string(), "G64 P with a tolerance for the corner, before them")
+            }
+            Self::Thread(error @ (ThreadError::NoSpeed | ThreadError::Move(_)), _) => {
+                ("E4321", error.to_string(), "a higher S; a thread is planned for the commanded speed")
+            }
             Self::SurfaceSpeed => (
                 "E4317",
                 "constant surface speed (G96) without a highest speed: at X 0, the axis of turning, it has no limit"
@@ -164,6 +193,7 @@ impl CanonError {
     #[must_use]
     pub(crate) fn finding(&self, line: u32) -> CheckFinding {
         let (number, what, remedy) = self.parts();
+        let line = if let Self::Thread(_, begins) = self { *begins } else { line };
         let word = match self {
             Self::NoSuchAxis(axis) => Some(*axis),
             Self::BeyondLimit(beyond) => Some(beyond.axis.to_ascii_uppercase()),
@@ -186,6 +216,7 @@ impl From<PlanWriteError> for CanonError {
         match refused {
             PlanWriteError::Move(error) => Self::Move(error),
             PlanWriteError::BeyondLimit(beyond) => Self::BeyondLimit(beyond),
+            PlanWriteError::Thread(error, line) => Self::Thread(error, line),
             PlanWriteError::AnswerMismatch => Self::AnswerMismatch,
             PlanWriteError::Cancelled => Self::Cancelled,
         }

@@ -234,6 +234,7 @@ mod tests {
             contour,
             cut_um,
             cut_from: Some(Place::default()),
+            spindle: retrace_link::SpindleStatus::default(),
         })
     }
 

@@ -344,6 +344,11 @@ pub(crate) fn feed_each<const A: usize, S: MotionSink<A>, D: BlockDecoder>(
             }
             look(&track, program, sink);
         }
+        if decoded == DecodedBlock::End
+            && let Err(why) = track.end_thread(sink)
+        {
+            findings.push(why.finding(steps.last().map_or(0, |step| step.line)));
+        }
         if decoded == DecodedBlock::End || findings.is_full() {
             return (blocks, findings.into_findings());
         }

@@ -258,6 +258,7 @@ mod tests {
             contour: 0,
             cut_um: 0,
             cut_from: None,
+            spindle: retrace_link::SpindleStatus::default(),
         }
     }
 

@@ -72,6 +72,7 @@ mod start_line;
 mod sync;
 mod tape;
 mod telemetry;
+mod thread_plan;
 mod tool_length;
 
 pub use block_decoder::{BlockDecoder, DecodedBlock};
@@ -123,4 +124,5 @@ pub use soft_limits::LimitFinding;
 pub use start_line::StartPoint;
 pub use tape::{ReceivedByte, TapeError, TapeReader};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
+pub use thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadStretch};
 pub use tool_length::{EnteredLength, ToolLengthError};

@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use retrace_config::MachineConfig;
+use retrace_config::{EncoderConfig, MachineConfig};
 use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
@@ -14,6 +14,7 @@ use crate::contour_list::ContourList;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::soft_limits::{LimitFinding, extremes};
+use crate::thread_plan::ThreadStretch;
 
 /// Checks every move of a program.
 #[derive(Debug)]
@@ -209,6 +210,17 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
         self.at = arc.end_mm;
         self.visit(&arc.end_mm, line);
         Ok(())
+    }
+
+    fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        if !has_unknown(&self.at) && !stretch.rpm.is_nan() {
+            let planned = stretch.plan(self.machine, encoder, self.at);
+            planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
+        }
+        stretch.pieces.iter().try_for_each(|piece| {
+            let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
+            self.straight(piece.end_mm, feed, piece.mode, piece.line)
+        })
     }
 
     fn unknown_motion(&mut self, end_mm: [f64; A], line: u32) {

@@ -2,6 +2,7 @@
 //!
 //! Invariant: both sinks receive the same calls for the same program, so that what was checked is what is run.
 
+use retrace_config::EncoderConfig;
 use retrace_gcode::Probing;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
@@ -9,6 +10,7 @@ use retrace_motion::{Arc, FeedRate, PathMode};
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
+use crate::thread_plan::ThreadStretch;
 
 /// Receives a program's moves and switching, in machine coordinates and mm.
 pub trait MotionSink<const A: usize> {
@@ -77,6 +79,21 @@ pub trait MotionSink<const A: usize> {
         Ok(None)
     }
 
+    /// A geared stretch, with rest before and behind it (SPN-17). Without its plan it is a path at the commanded speed.
+    ///
+    /// # Errors
+    /// The machine cannot follow the spindle there.
+    fn thread(&mut self, stretch: &ThreadStretch<A>, _: &EncoderConfig) -> Result<(), PlanWriteError> {
+        for piece in &stretch.pieces {
+            let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
+            self.straight(piece.end_mm, feed, piece.mode, piece.line)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the feed of the moves to come is per turn of the spindle and follows its measured speed (SPN-8).
+    fn set_feed_per_turn(&mut self, _is_per_turn: bool) {}
+
     /// A motion of unknown way, in a check only (PRB-17). An unknown coordinate is a NaN.
     fn unknown_motion(&mut self, _end_mm: [f64; A], _line: u32) {}
 
@@ -130,6 +147,14 @@ impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
         line: u32,
     ) -> Result<Option<ProbeOutcome<A>>, PlanWriteError> {
         PlanWriter::probe(self, end_mm, feed_mm_s, probing, line).map(Some)
+    }
+
+    fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        PlanWriter::thread(self, stretch, encoder)
+    }
+
+    fn set_feed_per_turn(&mut self, is_per_turn: bool) {
+        PlanWriter::set_feed_per_turn(self, is_per_turn);
     }
 
     fn read_input(&mut self, question: InputQuestion, line: u32) -> Result<Option<i32>, PlanWriteError> {

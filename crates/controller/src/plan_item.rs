@@ -7,7 +7,7 @@ use crate::question::Question;
 use retrace_core::RecordIndex;
 use retrace_gcode::ActiveCodes;
 use retrace_journal::MarkDifference;
-use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange};
+use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, SpindleTask};
 
 /// Kind of an exclusive instruction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,6 +58,8 @@ pub struct ExclusiveInstruction {
     pub is_barrier: bool,
     /// The question, of [`ExclusiveKind::Probe`] and [`ExclusiveKind::Input`].
     pub question: Option<Box<Question>>,
+    /// What it waits for at the spindle.
+    pub spindle: Option<SpindleTask>,
 }
 
 impl ExclusiveInstruction {

@@ -67,6 +67,11 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                 Err((why, line)) => break PlanEnd::BlockError(format!("line {line}: {}", why.explain())),
             }
             if let Some(ending) = batch.ending.take() {
+                match self.executor.end_thread(&mut self.plan_writer) {
+                    Err(CanonError::Cancelled) => return None,
+                    Err(why) => break PlanEnd::BlockError(why.explain()),
+                    Ok(()) => {}
+                }
                 break ending;
             }
         };

@@ -8,7 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use retrace_config::MachineConfig;
+use retrace_config::{EncoderConfig, MachineConfig};
 use retrace_core::Flags;
 use retrace_gcode::Probing;
 use retrace_link::{OutputChange, channel};
@@ -25,6 +25,7 @@ use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::planned_path::{PathRecorder, PlannedPath};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
+use crate::thread_plan::ThreadStretch;
 
 /// Least and greatest of the observed values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +89,8 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub feed_mm_per_min: Option<ValueRange>,
     /// Spindle speeds, rpm.
     pub speed_rpm: Option<ValueRange>,
+    /// Threads by the line in which they begin: the longest run-in and run-out at it, mm.
+    pub threads: BTreeMap<u32, [f64; 2]>,
     /// Retrace barriers, by line, each once.
     pub barriers: BTreeSet<BarrierLine>,
     /// Lines with a program stop.
@@ -141,6 +144,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             tools: BTreeSet::new(),
             feed_mm_per_min: None,
             speed_rpm: None,
+            threads: BTreeMap::new(),
             barriers: BTreeSet::new(),
             stops: BTreeSet::new(),
             cutting_mm: 0.0,
@@ -372,6 +376,24 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         self.rest();
         self.is_time_partial |= question.timeout_periods > 0;
         Ok(None)
+    }
+
+    fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        self.rest();
+        let from = self.planner.commanded_mm();
+        if !has_unknown(&from) && !stretch.rpm.is_nan() {
+            let planned = stretch.plan(self.scan.machine(), encoder, from);
+            let plan = planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
+            let longest = self.threads.entry(stretch.line()).or_default();
+            *longest = [0, 1].map(|end| longest[end].max(plan.run_mm[end]));
+        }
+        for piece in &stretch.pieces {
+            let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
+            self.straight(piece.end_mm, feed, piece.mode, piece.line)?;
+        }
+        self.rest();
+        self.barriers.insert(BarrierLine { line: stretch.line(), code: "G33" });
+        Ok(())
     }
 
     fn unknown_motion(&mut self, end_mm: [f64; A], line: u32) {

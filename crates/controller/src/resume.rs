@@ -17,7 +17,7 @@ use retrace_core::playback::partial_increment;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{LengthChange, MarkDifference, PlaceMark, ProgramAnswer, RecordRanges};
-use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, channel};
+use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, SpindleTask, channel};
 
 use crate::approach::approach;
 use crate::record_streamer::{PassedItem, RecordStreamer};
@@ -128,6 +128,11 @@ pub enum ResumeError {
     },
     /// The program's plan differs at a mark.
     Differs(Box<MarkDifference>),
+    /// The job was left inside a thread that begins in this line: the spindle's angle is not known any more.
+    InThread {
+        /// The line.
+        line: u32,
+    },
     /// Planning failed: a defect.
     PlanningFailed,
 }
@@ -151,6 +156,11 @@ impl fmt::Display for ResumeError {
                     was.place, is.line, is.counts, was.line, was.counts
                 )
             }
+            Self::InThread { line } => write!(
+                f,
+                "the job was left inside the thread of line {line}, and the angle of the spindle there is not known \
+                 any more"
+            ),
             Self::PlanningFailed => write!(f, "the program could not be planned again"),
         }
     }
@@ -263,6 +273,8 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     line: u32,
     mm_per_pulse: [f64; A],
     switched: ReplayedSwitching<'s, 'r, A>,
+    /// The last thread: its first record, the place behind it, and its line.
+    thread: Option<([RecordIndex; 2], u32)>,
 }
 
 impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
@@ -275,7 +287,19 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         switched: ReplayedSwitching<'s, 'r, A>,
     ) -> Self {
         let (place, executed) = (at.origin, at.start.executed);
-        Self { streamer, at, place, executed, sum: counts, active: None, counts: None, line: 0, mm_per_pulse, switched }
+        Self {
+            streamer,
+            at,
+            place,
+            executed,
+            sum: counts,
+            active: None,
+            counts: None,
+            line: 0,
+            mm_per_pulse,
+            switched,
+            thread: None,
+        }
     }
 
     /// Length of the path back from where it was left to `oldest`, mm. It ends at the first record whose line
@@ -362,6 +386,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
                 return Err(ResumeError::Instruction { number, place: Some(place) });
             }
             if let Some(done) = self.streamer.mark_executed(number) {
+                if let Some(SpindleTask::Gear(start)) = done.spindle {
+                    self.thread = Some(([done.place, done.place + start.length], done.line));
+                }
                 (self.switched)(self.streamer, done.place, done.line, &done.changes[..usize::from(done.count)]);
             }
         }
@@ -377,6 +404,13 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         let has_marks =
             self.streamer.marks().is_some() || !self.at.marks.iter().any(|m| self.at.origin.is_before(m.place));
         if is_there && has_marks {
+            let left = self.at.start.place.record;
+            if let Some(([first, end], line)) = self.thread
+                && !left.is_before(first)
+                && left.is_before(end)
+            {
+                return Err(ResumeError::InThread { line });
+            }
             return Ok(true);
         }
         if self.streamer.planner_is_gone() {

@@ -14,7 +14,7 @@ use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::HoldReason;
-use retrace_link::{CardStatus, OutputChange, Outputs, channel};
+use retrace_link::{CardStatus, OutputChange, Outputs, SpindleStatus, channel};
 
 use crate::event::Event;
 
@@ -79,6 +79,8 @@ pub struct PeriodRecord<const A: usize> {
     /// Where the stretch begins that was cut up to `place` without a break; `None` where the cutter did not burn along
     /// the path in this period.
     pub cut_from: Option<Place>,
+    /// The spindle as the card measures it.
+    pub spindle: SpindleStatus,
 }
 
 impl<const A: usize> PeriodRecord<A> {
@@ -109,6 +111,7 @@ impl<const A: usize> PeriodRecord<A> {
             contour: 0,
             cut_um: 0,
             cut_from: None,
+            spindle: status.spindle,
         }
     }
 }

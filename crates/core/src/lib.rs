@@ -22,6 +22,7 @@
 pub mod drive;
 pub mod fine;
 pub mod gate;
+pub mod gear;
 pub mod interruption;
 pub mod limits;
 pub mod mode;

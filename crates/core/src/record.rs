@@ -20,6 +20,10 @@ impl Flags {
     pub const RAPID: Self = Self(4);
     /// The record belongs to a probing move: the probe may respond in it (PRB-10).
     pub const PROBING: Self = Self(8);
+    /// The feed of the record's motion is per turn of the spindle: it follows the measured speed (SPN-8).
+    pub const PER_TURN: Self = Self(16);
+    /// The record belongs to a geared stretch: its place follows the spindle's angle (SPN-11).
+    pub const GEARED: Self = Self(32);
 
     /// Returns the union of both sets of flags.
     #[must_use]
@@ -36,7 +40,7 @@ impl Flags {
     /// Returns the flags that the next record usually has as well.
     #[must_use]
     pub const fn lasting(self) -> Self {
-        Self(self.0 & (Self::RAPID.0 | Self::PROBING.0))
+        Self(self.0 & (Self::RAPID.0 | Self::PROBING.0 | Self::PER_TURN.0 | Self::GEARED.0))
     }
 
     /// Returns the flags as the bits sent on the wire.
@@ -48,7 +52,7 @@ impl Flags {
     /// Returns the flags for the bits received on the wire; unknown bits are dropped.
     #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 15)
+        Self(bits & 63)
     }
 }
 

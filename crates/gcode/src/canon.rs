@@ -165,6 +165,8 @@ pub enum Canon {
     /// Synchronises the following feed moves with the spindle, in program units per turn.
     StartSpeedFeedSynch {
         pitch: f64,
+        /// Angle from the index at which the thread begins, degrees (G33 Q, which LinuxCNC does not have).
+        start_degrees: f64,
     },
     StopSpeedFeedSynch,
     /// Taps to X Y Z and back, synchronised with the spindle, which reverses there.

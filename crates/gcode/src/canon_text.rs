@@ -151,7 +151,10 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::ChangeTool { index, .. } => write!(out, "CHANGE_TOOL({index})"),
         Canon::OrientSpindle { degrees, mode, .. } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
         Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
-        Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
+        Canon::StartSpeedFeedSynch { pitch, start_degrees: 0.0 } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
+        Canon::StartSpeedFeedSynch { pitch, start_degrees } => {
+            write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0,{start_degrees:.4})")
+        }
         Canon::RigidTap(end) => {
             out.push_fixed(b"RIGID_TAP(");
             push_numbers(out, end)

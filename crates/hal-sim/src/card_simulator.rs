@@ -18,7 +18,7 @@ use crate::serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings
 use crate::trace::Trace;
 
 /// Settings of a card simulator.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CardSimulatorSettings {
     /// Channel from host to card.
     pub up: SerialChannelSettings,

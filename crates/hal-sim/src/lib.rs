@@ -28,6 +28,7 @@ mod pulses;
 mod random;
 mod serial_channel;
 mod sim_card;
+mod spindle_plant;
 mod trace;
 mod vcd;
 
@@ -45,5 +46,6 @@ pub use pulses::PulseCounters;
 pub use random::{Chance, Random};
 pub use serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
 pub use sim_card::{SimCard, SimCardError};
+pub use spindle_plant::{SpindlePlant, SpindleSimulation};
 pub use trace::Trace;
 pub use vcd::{Signal, Vcd};

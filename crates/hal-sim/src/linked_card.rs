@@ -41,6 +41,7 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> CardIdentity {
         outputs: 64,
         inputs: 16,
         has_spindle_pwm: true,
+        has_spindle_encoder: true,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: TICK_HZ,

@@ -8,6 +8,7 @@ use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 use crate::cutting_source::{CuttingSource, SourceSettings};
 use crate::probed_work::{ProbeContact, ProbedWork};
 use crate::random::{Chance, Random};
+use crate::spindle_plant::{SpindlePlant, SpindleSimulation};
 
 /// A switch that an axis actuates: active from a position on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +67,7 @@ pub struct InputEvent {
 }
 
 /// Settings of a plant.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlantSettings {
     /// Switches on the axes.
     pub switches: Vec<Switch>,
@@ -78,6 +79,8 @@ pub struct PlantSettings {
     pub sources: Vec<SourceSettings>,
     /// Work and a probe.
     pub work: Option<ProbedWork>,
+    /// A spindle with an encoder.
+    pub spindle: Option<SpindleSimulation>,
     /// Changes of inputs, in the order of time: doors, emergency stops.
     pub events: Vec<InputEvent>,
     /// Inputs whose level is low while the device on them is active, one bit each.
@@ -193,6 +196,7 @@ pub struct Plant<const A: usize> {
     replying: Vec<RunningReply>,
     sources: Vec<CuttingSource>,
     probe: Option<ProbeContact>,
+    spindle: Option<SpindlePlant>,
     events: std::collections::VecDeque<InputEvent>,
     random: Random,
     active: u16,
@@ -227,6 +231,7 @@ impl<const A: usize> Plant<A> {
             replying,
             sources: settings.sources.iter().map(CuttingSource::new).collect(),
             probe: settings.work.as_ref().map(ProbeContact::new),
+            spindle: settings.spindle.map(SpindlePlant::new),
             events: events.into(),
             random: Random::new(settings.seed),
             active,
@@ -279,7 +284,8 @@ impl<const A: usize> Plant<A> {
         }
         self.advance_wheel(now_us);
         let failed = std::mem::take(&mut self.failed);
-        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed, probe_change }
+        let spindle = self.spindle.as_mut().map(|spindle| spindle.advance(now_us)).unwrap_or_default();
+        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed, probe_change, spindle }
     }
 
     /// Applies the card's outputs at `now_us`.
@@ -300,6 +306,9 @@ impl<const A: usize> Plant<A> {
             self.switched[2] += u64::from(fails && !hangs);
             running.due = (!hangs).then_some((due, if fails { PendingReply::Failed } else { PendingReply::Done }));
         }
+        if let Some(spindle) = &mut self.spindle {
+            spindle.outputs(outputs);
+        }
         for source in &mut self.sources {
             let is_on = outputs.get(usize::from(source.channel())).is_some_and(|&value| value != 0);
             source.switch(now_us, is_on);
@@ -317,6 +326,11 @@ impl<const A: usize> Plant<A> {
     /// Sets an input active or inactive manually.
     pub const fn set_input(&mut self, input: u8, active: bool) {
         set(&mut self.active, input, active);
+    }
+
+    /// The spindle, for changes by a test; `None` without one.
+    pub const fn spindle(&mut self) -> Option<&mut SpindlePlant> {
+        self.spindle.as_mut()
     }
 
     /// Turns the handwheel by `counts` counts of its encoder.

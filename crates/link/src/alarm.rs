@@ -66,6 +66,14 @@ pub enum Alarm {
         /// The input.
         input: u8,
     },
+    /// The spindle was not at speed, or its index not seen, in the time for it (SPN-6).
+    NotAtSpeed,
+    /// The encoder lost counts, or showed none while the spindle was commanded to turn (SPN-3, SPN-24).
+    EncoderFailed,
+    /// The spindle stalled in a geared stretch (SPN-24).
+    SpindleStalled,
+    /// The motion could not follow the spindle within the tolerance (SPN-15).
+    ThreadLost,
 }
 
 impl Alarm {
@@ -86,6 +94,10 @@ impl Alarm {
             Self::CutterStaysOn { input } => (11, input as u32),
             Self::Collision { input } => (12, input as u32),
             Self::ProbeTripped { input } => (13, input as u32),
+            Self::NotAtSpeed => (14, 0),
+            Self::EncoderFailed => (15, 0),
+            Self::SpindleStalled => (16, 0),
+            Self::ThreadLost => (17, 0),
         }
     }
 
@@ -106,6 +118,10 @@ impl Alarm {
             11 => Self::CutterStaysOn { input: detail as u8 },
             12 => Self::Collision { input: detail as u8 },
             13 => Self::ProbeTripped { input: detail as u8 },
+            14 => Self::NotAtSpeed,
+            15 => Self::EncoderFailed,
+            16 => Self::SpindleStalled,
+            17 => Self::ThreadLost,
             _ => return None,
         })
     }
@@ -127,6 +143,10 @@ impl CardFailure for Alarm {
             Self::CutterStaysOn { .. } => "E3023",
             Self::Collision { .. } => "E3027",
             Self::ProbeTripped { .. } => "E3028",
+            Self::NotAtSpeed => "E3032",
+            Self::EncoderFailed => "E3033",
+            Self::SpindleStalled => "E3034",
+            Self::ThreadLost => "E3035",
         }
     }
 
@@ -156,6 +176,21 @@ impl CardFailure for Alarm {
             Self::ProbeTripped { .. } => {
                 "clear the alarm, jog the probe off what it touched, check probe and position, then resume; for a tool \
                  that touches on purpose, guard = false in [probe]"
+            }
+            Self::NotAtSpeed => {
+                "check the spindle and its drive, the S word, and counts_per_turn and direction in [spindle]; clear \
+                 the alarm, then resume"
+            }
+            Self::EncoderFailed => {
+                "check the encoder, its cable and counts_per_turn in [spindle]; clear the alarm, move the tool clear \
+                 of the work, and begin the pass anew"
+            }
+            Self::SpindleStalled => {
+                "clear the alarm, move the tool clear of the work, and begin the pass anew with a lower depth of cut"
+            }
+            Self::ThreadLost => {
+                "lower the S word, or raise thread_margin_percent in [spindle]; clear the alarm, move the tool clear \
+                 of the work, and begin the pass anew"
             }
         }
     }
@@ -190,6 +225,12 @@ impl fmt::Display for Alarm {
             }
             Self::ProbeTripped { input } => {
                 write!(f, "the probe on input {input} tripped in a move that does not probe")
+            }
+            Self::NotAtSpeed => write!(f, "the spindle did not come to its speed in time, or its index was not seen"),
+            Self::EncoderFailed => write!(f, "the encoder of the spindle lost counts, or shows none"),
+            Self::SpindleStalled => write!(f, "the spindle stalled while the motion followed it"),
+            Self::ThreadLost => {
+                write!(f, "the axes could not follow the spindle; the spindle is off, and the tool stays on the path")
             }
         }
     }

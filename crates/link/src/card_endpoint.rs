@@ -17,7 +17,9 @@ use crate::pending_commands::PendingCommands;
 use crate::sequence::{FirstNumbers, acknowledged_items, is_after};
 use crate::session::{is_next_opening, is_open_epoch};
 use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, kind};
-use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, ProbeLatch, channel, session_key, state_crc};
+use crate::{CardCore, CardStatus, GearState, HostCommand, Outputs, SpindleStatus, channel, session_key, state_crc};
+
+mod changes;
 
 /// Bytes reserved at the end of a report for the state check.
 const STATE_CRC_BYTES: usize = 4;
@@ -87,6 +89,7 @@ struct ReportedState {
     blocked: bool,
     layer: i32,
     probe: ReportedLatch,
+    spindle: SpindleStatus,
     /// The layer of the last period.
     last_layer: i32,
 }
@@ -112,6 +115,7 @@ impl ReportedState {
             blocked: false,
             layer,
             probe: ReportedLatch::Idle,
+            spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0 },
             last_layer: layer,
         }
     }
@@ -374,85 +378,6 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
                 *count += 1;
             }
             _ => self.push(ReportEntry::Ran { distance, count: 1, starved, at_rest }),
-        }
-    }
-
-    /// Adds entries for every difference from the state that the host knows.
-    fn push_changes(&mut self, status: &CardStatus<A>) {
-        if status.alarm != self.reported.alarm {
-            self.reported.alarm = status.alarm;
-            self.push(ReportEntry::Alarm(status.alarm));
-            self.urgent = true;
-        }
-        if status.outputs != self.reported.outputs {
-            for (number, &value) in status.outputs.iter().enumerate() {
-                if value != self.reported.outputs[number] {
-                    self.push(ReportEntry::Output(OutputChange { channel: number as u8, value }));
-                }
-            }
-            self.reported.outputs = status.outputs;
-        }
-        self.push_cutting_changes(status);
-        self.push_probe_changes(status);
-        if status.inputs != self.reported.inputs {
-            self.reported.inputs = status.inputs;
-            self.push(ReportEntry::Inputs(status.inputs));
-        }
-        if status.wheel != 0 {
-            self.push(ReportEntry::Wheel(status.wheel));
-        }
-        if status.executed != self.reported.executed {
-            self.reported.executed = status.executed;
-            self.push(ReportEntry::Executed(status.executed));
-            self.urgent = true;
-        }
-    }
-
-    /// Adds entries for changes of the probe's latch.
-    fn push_probe_changes(&mut self, status: &CardStatus<A>) {
-        if let Some(part) = status.probe_edge {
-            self.push(ReportEntry::ProbeEdge(part));
-        }
-        let latch = match status.probe {
-            ProbeLatch::Idle => ReportedLatch::Idle,
-            ProbeLatch::Armed => ReportedLatch::Armed,
-            ProbeLatch::Edge(_) => ReportedLatch::Edge,
-            ProbeLatch::Touched(_) => ReportedLatch::Touched,
-        };
-        if latch == self.reported.probe {
-            return;
-        }
-        self.reported.probe = latch;
-        match latch {
-            // Only an epoch ends it, and that is what the host knows.
-            ReportedLatch::Idle | ReportedLatch::Edge => {}
-            ReportedLatch::Armed => self.push(ReportEntry::ProbeArmed),
-            ReportedLatch::Touched => self.push(ReportEntry::ProbeTouched),
-        }
-        self.urgent = true;
-    }
-
-    /// Adds entries for changes of the cutting outputs, of repeated instructions and of the block.
-    fn push_cutting_changes(&mut self, status: &CardStatus<A>) {
-        // Where it rests: an instruction is complete only then.
-        let rests = core::mem::replace(&mut self.reported.last_layer, status.layer) == status.layer;
-        if rests && status.layer != self.reported.layer {
-            self.reported.layer = status.layer;
-            self.push(ReportEntry::Layer(status.layer));
-        }
-        if let Some(off) = status.cutter_off {
-            self.push(ReportEntry::CutterOff(off));
-            self.urgent = true;
-        }
-        if status.repeated != self.reported.repeated {
-            self.reported.repeated = status.repeated;
-            self.push(ReportEntry::Repeated(status.repeated));
-            self.urgent = true;
-        }
-        if status.blocked != self.reported.blocked {
-            self.reported.blocked = status.blocked;
-            self.push(ReportEntry::Blocked(status.blocked));
-            self.urgent = true;
         }
     }
 

@@ -38,6 +38,7 @@ mod serial_card;
 #[doc(hidden)]
 pub mod session;
 mod settings;
+mod spindle;
 pub mod wire;
 
 pub use alarm::Alarm;
@@ -58,6 +59,7 @@ pub use session::{next_epoch, session_key};
 pub use settings::{
     CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ, PathStart, SpindlePwm,
 };
+pub use spindle::{GearStart, GearState, SpindleSettings, SpindleStatus, SpindleTask};
 pub use wire::Greeting;
 
 /// Interface of the controller to a card, simulated or real.

@@ -5,7 +5,10 @@
 use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
-use crate::{Alarm, CutterOff, LayerMove, PathStart, ProbeArming, ProbeLatch, RepeatedInstruction};
+use crate::{
+    Alarm, CutterOff, GearState, LayerMove, PathStart, ProbeArming, ProbeLatch, RepeatedInstruction, SpindleStatus,
+    SpindleTask,
+};
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -43,6 +46,8 @@ pub struct Instruction {
     pub keeps_cutter: bool,
     /// Moves of the layer before and behind the switching.
     pub layer: Option<LayerMove>,
+    /// What it waits for at the spindle in addition.
+    pub spindle: Option<SpindleTask>,
 }
 
 /// Moves an axis to its home switch, while the machine is at rest and the window is empty.
@@ -240,6 +245,8 @@ pub struct CardStatus<const A: usize> {
     /// Part of the period before, in units of 2⁻¹⁶, in which the probe's edge was that the latch has kept since this
     /// period. Not in the status of the host.
     pub probe_edge: Option<u16>,
+    /// Measured state of the spindle. Over the line, the speed is reported where it changes.
+    pub spindle: SpindleStatus,
 }
 
 impl<const A: usize> CardStatus<A> {
@@ -271,6 +278,7 @@ impl<const A: usize> CardStatus<A> {
             cutter_off: None,
             probe: ProbeLatch::Idle,
             probe_edge: None,
+            spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0 },
         }
     }
 }

@@ -6,14 +6,14 @@
 use retrace_core::limits::RateLimits;
 use retrace_core::{Place, RecordIndex};
 
-use crate::{CuttingSettings, LayerSettings, OutputChange};
+use crate::{CuttingSettings, LayerSettings, OutputChange, SpindleSettings};
 
 /// Maximum number of inputs of a card.
 pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 12;
+pub const PROTOCOL: u8 = 13;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,6 +34,8 @@ pub struct CardIdentity {
     pub inputs: u8,
     /// Whether it has an output for S ([`SpindlePwm`]): the speed of a spindle, or the power of a beam.
     pub has_spindle_pwm: bool,
+    /// Whether it reads the encoder of a spindle ([`SpindleSettings`]).
+    pub has_spindle_encoder: bool,
     /// Number of records that it holds.
     pub window: u32,
     /// Maximum average of its rate law, in periods.
@@ -190,12 +192,14 @@ pub struct CardSettings<const A: usize> {
     pub layer: Option<LayerSettings>,
     /// Output for S; `None` if it stays low.
     pub spindle_pwm: Option<SpindlePwm>,
+    /// Spindle with an encoder; `None` if there is none.
+    pub spindle: Option<SpindleSettings>,
 }
 
 impl<const A: usize> CardSettings<A> {
     /// Returns settings for all axes with the given control period in microseconds and the path from `start` on.
     /// Defaults: reports every eighth period, a watchdog of 250 ms, no backlash, no inputs, all outputs unchanged on a
-    /// fault, no cutting outputs, no layer, and no output for S.
+    /// fault, no cutting outputs, no layer, no output for S, and no encoder.
     #[must_use]
     pub fn new(epoch: u16, start: PathStart, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
@@ -216,6 +220,7 @@ impl<const A: usize> CardSettings<A> {
             cutting: CuttingSettings::default(),
             layer: None,
             spindle_pwm: None,
+            spindle: None,
         }
     }
 

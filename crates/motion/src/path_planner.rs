@@ -116,6 +116,11 @@ impl<const A: usize> PathPlanner<A> {
         self.run.set_mode(mode);
     }
 
+    /// See [`crate::Planner::with_exact_feed`].
+    pub(crate) fn keep_feed(&mut self) {
+        self.run.keep_feed();
+    }
+
     /// See [`crate::Planner::fallbacks`].
     pub(crate) fn fallbacks(&self) -> PlanFallbacks {
         self.run.fallbacks()

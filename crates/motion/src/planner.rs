@@ -153,6 +153,14 @@ impl<const A: usize> Planner<A> {
         self
     }
 
+    /// Keeps the feed exactly as it is wherever the axes can: a run is not slowed down so that it takes whole control
+    /// periods, and ends within its last one. For paths whose distance per period must not change, as a thread's.
+    #[must_use]
+    pub fn with_exact_feed(mut self) -> Self {
+        self.path.keep_feed();
+        self
+    }
+
     /// End of the last move, mm or degrees.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {

@@ -63,6 +63,8 @@ pub(crate) struct PlanRun<const A: usize> {
     /// Number of blocks whose plan is refined and remains.
     refined: usize,
     mode: PlanMode,
+    /// Whether a run that ends at rest takes whole periods.
+    takes_whole_periods: bool,
 }
 
 /// Number of blocks after which a run is planned and partly committed even if they are short.
@@ -105,12 +107,18 @@ impl<const A: usize> PlanRun<A> {
             refiner: refine::RunRefiner::default(),
             refined: 0,
             mode: PlanMode::default(),
+            takes_whole_periods: true,
         }
     }
 
     /// Sets how much is calculated for a faster plan of what is not committed yet.
     pub(crate) fn set_mode(&mut self, mode: PlanMode) {
         self.mode = mode;
+    }
+
+    /// Does not slow a run down so that it takes whole periods.
+    pub(crate) fn keep_feed(&mut self) {
+        self.takes_whole_periods = false;
     }
 
     /// What is committed and not emitted.
@@ -179,7 +187,7 @@ impl<const A: usize> PlanRun<A> {
         let duration: f64 = self.plan.iter().map(|span| span.profile.duration()).sum();
         let periods = (self.elapsed + duration) / period;
         let missing = ((periods - PERIOD_SLACK).ceil() - periods) * period;
-        if missing <= 0.0 || duration <= 0.0 {
+        if missing <= 0.0 || duration <= 0.0 || !self.takes_whole_periods {
             return;
         }
         if self.v == 0.0 && self.a == 0.0 {

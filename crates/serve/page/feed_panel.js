@@ -49,13 +49,15 @@ export class FeedPanel {
     this.rate = figure('rate');
     this.left = figure('left');
     this.run = figure('run');
+    this.spindle = figure('spindle');
+    this.spindle.node.hidden = true;
     this.cutter = element('p', { class: 'cutter-line' });
     this.feedOverride = this.overrideKeys('feed', 'slower');
     this.rapidOverride = this.overrideKeys('rapid', 'rapid-override');
     this.outputs = element('div', { class: 'outputs', role: 'group', 'aria-label': 'Outputs' });
     this.outputButtons = [];
     place.append(
-      element('div', { class: 'figures' }, this.feed.node, this.rate.node, this.left.node, this.run.node),
+      element('div', { class: 'figures' }, this.feed.node, this.rate.node, this.left.node, this.run.node, this.spindle.node),
       element('div', { class: 'overrides' }, this.feedOverride.node, this.rapidOverride.node),
       this.cutter,
       this.outputs,
@@ -201,6 +203,14 @@ export class FeedPanel {
     this.show();
   }
 
+  /** Shows the measured speed of a spindle with an encoder, and whether the motion follows it. */
+  showSpindle(live) {
+    const rpm = live?.rpm;
+    this.spindle.node.hidden = rpm === null || rpm === undefined;
+    const gear = { waiting: ' · waits for its angle', engaged: ' · thread' }[live?.gear] ?? '';
+    setText(this.spindle.value, `${rpm ?? 0}/min${gear}`);
+  }
+
   /** Shows the newest live figures; called once a frame. */
   show() {
     const { live, state } = this.store;
@@ -210,6 +220,7 @@ export class FeedPanel {
     setText(this.rate.value, formatPercent(live?.rate));
     setText(this.left.value, formatDuration(live?.left_s));
     setText(this.run.value, formatDuration(live?.run_s));
+    this.showSpindle(live);
     this.showCutter(state, live);
   }
 

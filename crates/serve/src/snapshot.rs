@@ -6,6 +6,7 @@
 use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
+use retrace_link::GearState;
 use retrace_tui::{AxisHoming, PanelStatus, ProgramCheck, ScreenModel, ScreenStage};
 use serde::Serialize;
 
@@ -146,6 +147,10 @@ pub(crate) struct LiveView {
     left_s: Option<f64>,
     run_s: f64,
     seconds_lit: Option<f64>,
+    /// Measured speed of the spindle, turns a minute, positive clockwise.
+    rpm: Option<f64>,
+    /// What the motion does with its angle: `off`, `waiting`, `engaged`.
+    gear: &'static str,
 }
 
 /// The messages.
@@ -391,6 +396,12 @@ impl LiveView {
             left_s: model.time_remaining().map(|left| rounded(left.seconds, 10.0)),
             run_s: rounded(model.run_s(), 10.0),
             seconds_lit: (lit > 0.0).then(|| rounded(lit, 10.0)),
+            rpm: model.spindle.speed.map(|speed| rounded(f64::from(speed) / 1000.0, 1.0)),
+            gear: match model.spindle.gear {
+                GearState::Off => "off",
+                GearState::Waiting => "waiting",
+                GearState::Engaged => "engaged",
+            },
         }
     }
 }

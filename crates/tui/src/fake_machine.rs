@@ -16,7 +16,7 @@ use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_gcode::{CanonStep, Program, Progress};
 use retrace_hal_sim::{Clock, PlantSettings, SimCard};
 use retrace_journal::{HoldReason, JournalConfig};
-use retrace_link::{OutputChange, PathStart};
+use retrace_link::{OutputChange, PathStart, SpindleStatus};
 
 use crate::model::{ScreenModel, ScreenStage};
 use crate::model_observer::{ModelObserver, lock_model};
@@ -362,6 +362,7 @@ impl FakeMachine {
             contour: 0,
             cut_um: 0,
             cut_from: None,
+            spindle: SpindleStatus::default(),
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

@@ -9,7 +9,7 @@ use retrace_controller::{ContourStates, CutterState, DifferingOutput, PlannedPat
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
-use retrace_link::channel;
+use retrace_link::{SpindleStatus, channel};
 
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
@@ -193,6 +193,8 @@ pub struct ScreenModel {
     pub rate: f64,
     /// Speed along the path, mm/min.
     pub feed_mm_min: f64,
+    /// The spindle as the card measures it.
+    pub spindle: SpindleStatus,
     /// Requested feed override; 1 is 100 %.
     pub override_rate: f64,
     /// Rapid override; 1 is 100 %.
@@ -310,6 +312,7 @@ impl ScreenModel {
             window: [first; 2],
             rate: 0.0,
             feed_mm_min: 0.0,
+            spindle: SpindleStatus::default(),
             override_rate: 1.0,
             rapid_override: 1.0,
             override_planned: 1.0,

@@ -252,6 +252,7 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
         *slot += i64::from(period.layer);
     }
     model.layer = i64::from(period.layer);
+    model.spindle = period.spindle;
     let feed = step_mm / model.facts.period_s.max(1e-9) * 60.0;
     model.feed_mm_min += (feed - model.feed_mm_min) / FEED_PERIODS;
     if period.at_rest {

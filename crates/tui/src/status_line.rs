@@ -5,6 +5,7 @@
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
+use retrace_link::GearState;
 
 use crate::cut_text::{confirmation_text, contours_text, interrupted_text};
 use crate::event_text::tool_change_text;
@@ -165,7 +166,12 @@ fn normal(model: &ScreenModel) -> StatusHint {
     ];
     match model.hold_reason {
         HoldReason::Hold if !model.at_rest => {
-            hint(HintLevel::Waiting, "STOPPING", "feed hold: braking on the path", &held)
+            let how = if model.spindle.gear == GearState::Engaged {
+                "feed hold: finishing the thread"
+            } else {
+                "feed hold: braking on the path"
+            };
+            hint(HintLevel::Waiting, "STOPPING", how, &held)
         }
         HoldReason::Hold if model.cutter_is_off => {
             let actions = [

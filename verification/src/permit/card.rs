@@ -91,6 +91,7 @@ impl Observer {
             outputs: 8,
             inputs: 3,
             has_spindle_pwm: true,
+            has_spindle_encoder: false,
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,
@@ -193,6 +194,7 @@ impl Observer {
                     until: None,
                     keeps_cutter,
                     layer: any_moves(draw),
+                    spindle: None,
                 })
             }
             4 | 5 => {

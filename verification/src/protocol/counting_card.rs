@@ -45,6 +45,7 @@ impl CountingCard {
             outputs: 8,
             inputs: 0,
             has_spindle_pwm: false,
+            has_spindle_encoder: false,
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,

@@ -364,6 +364,7 @@ fn the_start_of_a_jet_that_is_switched_off_is_cancelled() {
         until: None,
         keeps_cutter: true,
         layer: None,
+        spindle: None,
     }));
     bench.send(HostCommand::rate(Rate::ONE));
     for _ in 0..5 {

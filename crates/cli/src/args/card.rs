@@ -17,7 +17,9 @@ pub enum Card {
         in counts per second; `wheel -7` turns it by 7 counts at once\n  press door            also emergency-stop, \
         probe\n  release door\n  input 5 on            an input, by its number\n  unplug                pulls \
         the cable of the line; also `plug in`\n  power off             switches the card off, which loses its \
-        state; also `power on`\n\nExamples:\n  retrace card serve \
+        state; also `power on`\n  spindle stall         \
+        also `spindle load 30% for 200ms`, `spindle free`, `spindle turn -2`\n  encoder dead          also `encoder \
+        lose 7`, `encoder no-index`\n\nExamples:\n  retrace card serve \
         --pty --link my-card --vcd my-card.vcd\n  \
         retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc \
         --card my-card"

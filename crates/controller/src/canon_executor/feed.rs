@@ -1,6 +1,6 @@
 //! The feed rate: per minute, or per turn of the spindle (SPN-8).
 //!
-//! Invariant: under G95 the feed is that of the commanded speed, and no move feeds with the spindle at rest.
+//! Invariant: under G95 the feed is planned for the commanded speed, and no move feeds with the spindle off.
 
 use retrace_config::FeedPerTurn;
 use retrace_gcode::{ActiveCodes, FeedMode, SpindleRotation};
@@ -29,8 +29,8 @@ impl CanonExecutor<'_> {
 
     pub(super) fn set_feed_mode(&mut self, mode: FeedMode) -> Result<(), CanonError> {
         let per_turn = mode == FeedMode::UnitsPerRevolution;
-        if per_turn && self.machine.feed_per_turn != FeedPerTurn::Commanded {
-            return Err(CanonError::FeedPerTurn("no card reads an encoder yet, and G95 follows one on this machine"));
+        if per_turn && self.machine.feed_per_turn != FeedPerTurn::Commanded && self.machine.encoder.is_none() {
+            return Err(CanonError::FeedPerTurn("G95 follows an encoder, and the machine file has none"));
         }
         self.feed_mm_per_turn = per_turn.then_some(0.0);
         Ok(())
@@ -63,6 +63,8 @@ impl CanonExecutor<'_> {
         if self.feed_mm_per_turn.is_some() && self.spindle_turns == Some(false) {
             return Err(CanonError::FeedPerTurn("a feed move at a feed per turn (G95) while the spindle is off"));
         }
+        sink.set_feed_per_turn(self.feed_mm_per_turn.is_some() && self.machine.feed_per_turn == FeedPerTurn::Measured);
+        self.await_speed(line, sink)?;
         self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)
     }
 }

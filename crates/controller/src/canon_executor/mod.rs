@@ -12,6 +12,7 @@ mod orient;
 mod probing;
 mod surface_speed;
 mod switching;
+mod thread;
 mod tool_height;
 mod unknown_path;
 
@@ -122,6 +123,11 @@ pub(crate) struct CanonExecutor<'m> {
     spindle_turns: Option<bool>,
     /// What the program learns of the last question, until it is taken.
     learned: Option<MachineResult>,
+    /// The thread that is being collected.
+    thread: Option<thread::CollectedThread>,
+    /// Whether the spindle has been started or changed since it was known to be at speed, and its speed then.
+    awaits_speed: bool,
+    rpm_reached: f64,
     /// What the contours have enclosed, where the height behind them depends on it.
     cut_areas: Option<CutAreas>,
 }
@@ -162,6 +168,9 @@ impl<'m> CanonExecutor<'m> {
             sensed_at: None,
             spindle_turns: Some(false),
             learned: None,
+            thread: None,
+            awaits_speed: true,
+            rpm_reached: 0.0,
             cut_areas: machine.tool_layer().filter(|layer| layer.retracts()).map(|_| CutAreas::default()),
         }
     }
@@ -176,6 +185,9 @@ impl<'m> CanonExecutor<'m> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
+        if let Some(result) = self.thread(canon, line, sink) {
+            return result;
+        }
         match canon {
             Canon::StraightTraverse(end) => self.straight(end, FeedRate::Rapid, line, sink),
             Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),

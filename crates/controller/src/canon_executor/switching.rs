@@ -55,6 +55,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::Dwell(seconds) if seconds.is_nan() => Ok(()),
             Canon::SetSpindleSpeed(rpm) => {
                 self.set_rpm(*rpm);
+                self.note_spindle_change(channel::SPEED);
                 let thousandths = (rpm * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
                 self.set_speed("S", thousandths, line, sink)
             }
@@ -106,7 +107,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(highest_rpm) => self.set_spindle_mode(*highest_rpm),
             // these need a spindle whose rotation the card can follow
-            Canon::StartSpeedFeedSynch { .. } => Err(CanonError::NotSupported("thread cutting (G33, G76)")),
+            Canon::StartSpeedFeedSynch { .. } => Ok(()),
             Canon::RigidTap(_) => Err(CanonError::NotSupported("rigid tapping (G33.1)")),
             Canon::OrientSpindle { degrees, timeout_s, .. } => self.orient_spindle(*degrees, *timeout_s, line, sink),
             // Part of the function before it.
@@ -230,6 +231,7 @@ impl<'m> CanonExecutor<'m> {
         }
         self.spindle_turns = Some(value != 0);
         if channel == channel::SPINDLE {
+            self.note_spindle_change(channel);
             self.release_spindle((code, line), sink)?;
             return self.switch(code, channel, value, line, sink);
         }
@@ -473,6 +475,7 @@ impl<'m> CanonExecutor<'m> {
             is_barrier: one_way,
             undone_in_reverse: undone,
             question: None,
+            spindle: None,
         })?)
     }
 }

@@ -4,7 +4,9 @@
 //! Invariant: an item's place is the number of the record before which it is executed, and it is sent before that
 //! record.
 
+mod marks;
 mod probing;
+mod threads;
 mod tool_lengths;
 mod waiting_actions;
 mod write_error;
@@ -20,8 +22,8 @@ use retrace_core::place::number_is_before;
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
-use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
-use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
+use retrace_journal::{IndexEntry, IndexWriter, LengthChange, PlaceMark};
+use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs, SpindleTask, channel};
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
@@ -61,6 +63,8 @@ pub struct SwitchInstruction<'c> {
     pub undone_in_reverse: bool,
     /// The question, of [`ExclusiveKind::Probe`] and [`ExclusiveKind::Input`].
     pub question: Option<Question>,
+    /// What it waits for at the spindle.
+    pub spindle: Option<SpindleTask>,
 }
 
 /// An output change that waits for a move.
@@ -86,6 +90,8 @@ struct SerialOrigin {
     block: u64,
     /// Least and greatest coordinate of the tool axis during the move, mm.
     reach_mm: [f64; 2],
+    /// Whether its feed follows the measured speed of the spindle.
+    is_per_turn: bool,
 }
 
 /// Plans a program into a ring.
@@ -108,6 +114,8 @@ pub struct PlanWriter<'r, const A: usize> {
     serial: u32,
     /// Block of the moves to come.
     block: u64,
+    /// Whether the feed of the moves to come follows the measured speed of the spindle.
+    is_per_turn: bool,
     /// Line and block of each move that may still come out of the planner, by serial number.
     origins: VecDeque<SerialOrigin>,
     /// Output changes that wait for the first record of the move with their serial number.
@@ -153,6 +161,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             dry_waits: false,
             serial: 0,
             block: 0,
+            is_per_turn: false,
             origins: VecDeque::new(),
             waiting_changes: VecDeque::new(),
             inner_actions: InnerActions::default(),
@@ -263,7 +272,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let reach_mm = self.check_limits(&[end_mm], line)?;
         let serial = self.serial.wrapping_add(1);
         self.planner.marked_line(end_mm, feed, mode, serial, &inner.marks(serial))?;
-        Ok(self.record_move(line, reach_mm, &inner)?)
+        let is_per_turn = self.is_per_turn && !matches!(feed, FeedRate::Rapid);
+        Ok(self.record_move(line, reach_mm, is_per_turn, &inner)?)
     }
 
     /// Plans an arc or helix of program line `line`.
@@ -277,12 +287,18 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let reach_mm = self.check_limits(&points, line)?;
         let serial = self.serial.wrapping_add(1);
         self.planner.marked_arc(arc, feed, mode, serial, &inner.marks(serial))?;
-        Ok(self.record_move(line, reach_mm, &inner)?)
+        Ok(self.record_move(line, reach_mm, self.is_per_turn, &inner)?)
     }
 
-    fn record_move(&mut self, line: u32, reach_mm: [f64; 2], inner: &InnerActions) -> Result<(), Cancelled> {
+    fn record_move(
+        &mut self,
+        line: u32,
+        reach_mm: [f64; 2],
+        is_per_turn: bool,
+        inner: &InnerActions,
+    ) -> Result<(), Cancelled> {
         self.serial = self.serial.wrapping_add(1);
-        self.origins.push_back(SerialOrigin { serial: self.serial, line, block: self.block, reach_mm });
+        self.origins.push_back(SerialOrigin { serial: self.serial, line, block: self.block, reach_mm, is_per_turn });
         self.record_inner_actions(inner);
         self.drain()
     }
@@ -376,6 +392,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             restart_pierce: switch.restart_pierce,
             is_barrier,
             question: switch.question.map(Box::new),
+            spindle: switch.spindle,
         };
         self.send(PathItem::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and redone like any other.
@@ -472,7 +489,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 self.lengths.last_end = Some(Planned::Until(self.ring.write()));
             }
             let origin = self.origin_of(serial);
-            self.push(Record { line: origin.line, ..record }, origin.block)?;
+            let flags = if origin.is_per_turn { record.flags.with(Flags::PER_TURN) } else { record.flags };
+            self.push(Record { line: origin.line, flags, ..record }, origin.block)?;
         }
     }
 
@@ -481,40 +499,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         while self.origins.len() > 1 && self.origins.front().is_some_and(|o| number_is_before(o.serial, serial)) {
             self.origins.pop_front();
         }
-        let unknown = SerialOrigin { serial, line: 0, block: 0, reach_mm: [0.0; 2] };
+        let unknown = SerialOrigin { serial, line: 0, block: 0, reach_mm: [0.0; 2], is_per_turn: false };
         self.origins.front().copied().unwrap_or(unknown)
-    }
-
-    /// Marks what is planned, if it is not marked yet.
-    fn write_mark(&mut self) {
-        if self.next_mark.place != self.marked_until {
-            self.marked_until = self.next_mark.place;
-            self.index.write(IndexEntry::Mark(self.next_mark));
-        }
-    }
-
-    /// Updates the mark with a record that was pushed. The mark is made where it is due, and compared with that of an
-    /// earlier run.
-    fn update_mark(&mut self, record: &Record<A>, block: u64) -> Result<(), Cancelled> {
-        self.next_mark.place = self.ring.write();
-        (self.next_mark.line, self.next_mark.block) = (record.line, block);
-        for (count, &increment) in self.next_mark.counts.iter_mut().zip(&record.increments) {
-            *count += i64::from(increment);
-        }
-        if self.next_mark.place.since(self.marked_until) >= MAX_RECORDS_PER_MARK {
-            self.write_mark();
-        }
-        while let Some(&was) = self.expected_marks.front()
-            && !self.next_mark.place.is_before(was.place)
-        {
-            self.expected_marks.pop_front();
-            if was != self.next_mark {
-                self.send(PathItem::Differs(Box::new(MarkDifference { was, is: self.next_mark })))?;
-            } else if self.expected_marks.is_empty() {
-                self.send(PathItem::MarksPassed)?;
-            }
-        }
-        Ok(())
     }
 
     /// Sends the modal state that is in force from the move with that serial number on, if it differs from the one

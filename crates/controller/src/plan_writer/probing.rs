@@ -58,17 +58,7 @@ impl<const A: usize> PlanWriter<'_, A> {
             return Err(PlanWriteError::AnswerMismatch);
         };
         let records = question.executed_records::<A>(machine, &answer.runs).ok_or(PlanWriteError::AnswerMismatch)?;
-        let mut moved = [0; A];
-        for record in records {
-            if let Some(planned) = self.overrides.due_at(self.ring.write()) {
-                self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
-                self.planner.set_feed_override(f64::from(planned));
-            }
-            for (sum, &increment) in moved.iter_mut().zip(&record.increments) {
-                *sum += i64::from(increment);
-            }
-            self.push(retrace_core::Record { line, ..record }, self.block)?;
-        }
+        let moved = self.push_records(records.into_iter().map(|record| retrace_core::Record { line, ..record }))?;
         let agrees =
             (0..machine.axes.len().min(A)).all(|axis| answer.rest.get(axis) == Some(&(from[axis] + moved[axis])));
         if !agrees || !self.planner.displace(moved) {

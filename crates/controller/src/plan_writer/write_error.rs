@@ -5,6 +5,7 @@
 use retrace_motion::MoveError;
 
 use crate::soft_limits::LimitFinding;
+use crate::thread_plan::ThreadError;
 
 /// The motion path has ended: planning is cancelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +26,8 @@ pub enum PlanWriteError {
     Move(MoveError),
     /// The move would leave the soft limits.
     BeyondLimit(LimitFinding),
+    /// The machine cannot follow the spindle in the thread that begins in this line.
+    Thread(ThreadError, u32),
     /// An answer of the machine is not one to the program's question.
     AnswerMismatch,
     /// Planning is cancelled.
@@ -36,6 +39,7 @@ impl std::fmt::Display for PlanWriteError {
         match self {
             Self::Move(error) => write!(f, "{error}"),
             Self::BeyondLimit(finding) => f.write_str(&finding.what()),
+            Self::Thread(error, line) => write!(f, "line {line}: {error}"),
             Self::AnswerMismatch => f.write_str("an answer of the machine is not one to the program's question"),
             Self::Cancelled => write!(f, "{Cancelled}"),
         }
@@ -43,6 +47,16 @@ impl std::fmt::Display for PlanWriteError {
 }
 
 impl std::error::Error for PlanWriteError {}
+
+impl PlanWriteError {
+    /// The error of a thread that begins in this line.
+    pub(crate) const fn of_thread(error: ThreadError, line: u32) -> Self {
+        match error {
+            ThreadError::Move(error) => Self::Move(error),
+            error => Self::Thread(error, line),
+        }
+    }
+}
 
 impl From<Cancelled> for PlanWriteError {
     fn from(_: Cancelled) -> Self {

@@ -59,7 +59,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let (mut changes, count, mut periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, mut until) = (self.streamer.instruction_number(), exclusive.place, exclusive.until);
-        let mut layer = exclusive.layer;
+        let (mut layer, spindle) = (exclusive.layer, exclusive.spindle);
         let switches_cutter = self.streamer.switches_cutter(&changes[..usize::from(count)]);
         let keeps_cutter = kind == ExclusiveKind::Dwell || switches_cutter || layer.is_some();
         if self.cuts_rest_before(place, &changes[..usize::from(count)]) {
@@ -77,7 +77,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if switches_cutter {
             self.streamer.mark_dark(place, self.contour_pass.is_dark);
         }
-        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer };
+        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer, spindle };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
         self.card.send(HostCommand::Instruction(instruction)).map_err(|refusal| CardError::Fault {

@@ -12,6 +12,7 @@ mod order;
 mod pico;
 mod rate_law;
 mod surface_speed;
+mod threads;
 mod torch;
 mod track;
 mod wheel;

@@ -100,6 +100,12 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         })
     }
 
+    /// Returns the limits.
+    #[must_use]
+    pub const fn limits(&self) -> &RateLimits<A> {
+        &self.limits
+    }
+
     /// Whether the cursor is at rest, with no distance remaining.
     #[must_use]
     pub const fn at_rest(&self) -> bool {

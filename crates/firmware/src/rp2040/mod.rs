@@ -93,6 +93,7 @@ pub const fn identity(chip: Chip) -> CardIdentity {
         outputs: pins::DIGITAL_OUTPUTS,
         inputs: pins::INPUTS,
         has_spindle_pwm: true,
+        has_spindle_encoder: false,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: chip.clock_hz(),

@@ -32,6 +32,7 @@ pub const fn identity(min_period_us: u32) -> CardIdentity {
         outputs: pins::DIGITAL_OUTPUTS,
         inputs: pins::INPUT_PINS.len() as u8,
         has_spindle_pwm: false,
+        has_spindle_encoder: false,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: SLOT_HZ,

@@ -225,8 +225,8 @@ fn special_words_have_uses(words: &Words, to_be: BlockMotion) -> BlockResult<()>
         ),
         (
             b"q",
-            blend || number || g10 || peck || cubic || port || user || turn,
-            "G5, G10, G64, G70 to G73, G76, G83, M19, M61, M66 to M68 or M100 to M199",
+            blend || number || g10 || peck || cubic || port || user || turn || synchronised && !tap,
+            "G5, G10, G33, G64, G70 to G73, G76, G83, M19, M61, M66 to M68 or M100 to M199",
         ),
     ];
     for (letters, used, users) in uses {

@@ -55,7 +55,8 @@ impl Core {
         let pitch = words.get(b'k').unwrap_or_default();
         self.state.motion = Some(motion);
         let end = self.end_of(words);
-        emit.call(Canon::StartSpeedFeedSynch { pitch });
+        let start_degrees = words.get(b'q').unwrap_or_default().rem_euclid(360.0);
+        emit.call(Canon::StartSpeedFeedSynch { pitch, start_degrees });
         if motion == MotionMode::RigidTap {
             emit.call(Canon::RigidTap([end[Axis::X], end[Axis::Y], end[Axis::Z]]));
         } else {

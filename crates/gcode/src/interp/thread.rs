@@ -137,20 +137,21 @@ impl Thread {
         let from = self.from - back;
         let to = self.to + self.full_depth * self.slope - back;
         let taper_pitch = self.pitch * self.full_depth.hypot(self.taper) / self.taper;
+        let synch = |pitch| Canon::StartSpeedFeedSynch { pitch, start_degrees: 0.0 };
         go(true, clear, from, emit);
         if self.tapered_entry {
             emit.call(Canon::DisableFeedOverride);
-            emit.call(Canon::StartSpeedFeedSynch { pitch: taper_pitch });
+            emit.call(synch(taper_pitch));
             go(false, flank, from, emit);
             go(false, cut, from + self.along * self.taper, emit);
         } else {
             go(true, cut, from, emit);
             emit.call(Canon::DisableFeedOverride);
         }
-        emit.call(Canon::StartSpeedFeedSynch { pitch: self.pitch });
+        emit.call(synch(self.pitch));
         if self.tapered_exit {
             go(false, cut, to - self.along * self.taper, emit);
-            emit.call(Canon::StartSpeedFeedSynch { pitch: taper_pitch });
+            emit.call(synch(taper_pitch));
             go(false, flank, to, emit);
         } else {
             go(false, cut, to, emit);

@@ -322,7 +322,7 @@ impl Core {
             // The machine refuses these, whatever their ends are.
             Some(MotionMode::RigidTap) => emit.call(Canon::RigidTap([UNKNOWN; 3])),
             Some(MotionMode::SpindleFeed | MotionMode::ThreadingCycle) => {
-                emit.call(Canon::StartSpeedFeedSynch { pitch: UNKNOWN });
+                emit.call(Canon::StartSpeedFeedSynch { pitch: UNKNOWN, start_degrees: UNKNOWN });
             }
             _ => {}
         }

@@ -26,7 +26,7 @@ fn moves(program: &str) -> String {
             Canon::StopSpindleTurning(_) => "stop".to_owned(),
             Canon::ProgramStop => "pause".to_owned(),
             Canon::OrientSpindle { degrees, mode, .. } => format!("orient {degrees} {mode}"),
-            Canon::StartSpeedFeedSynch { pitch } => format!("pitch {pitch}"),
+            Canon::StartSpeedFeedSynch { pitch, .. } => format!("pitch {pitch}"),
             _ => return None,
         })
     });

@@ -4,4 +4,5 @@ mod epochs;
 mod line;
 mod replay;
 mod rig;
+mod threads;
 mod trace;

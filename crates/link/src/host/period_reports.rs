@@ -71,6 +71,10 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
                     self.status.probe = ProbeLatch::Touched(touch);
                 }
             }
+            ReportEntry::SpindleSpeed(speed) => self.status.spindle.speed = Some(speed),
+            ReportEntry::Gear(state, lag) => {
+                (self.status.spindle.gear, self.status.spindle.largest_lag) = (state, lag);
+            }
             ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
                 // While an alarm is latched, that is what must be reported.
                 if self.alarm.is_none() {

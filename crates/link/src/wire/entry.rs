@@ -11,7 +11,7 @@
 use retrace_core::{Distance, Place, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
-use crate::{Alarm, CutterOff, CutterOffCause, OutputChange};
+use crate::{Alarm, CutterOff, CutterOffCause, GearState, OutputChange};
 
 /// One reported event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -55,6 +55,10 @@ pub enum ReportEntry {
     ProbeEdge(u16),
     /// The edge counts: the probe has touched, and the card brakes.
     ProbeTouched,
+    /// Measured speed of the spindle, in thousandths of a revolution per minute.
+    SpindleSpeed(i32),
+    /// State of the gear, and the largest lag in units of 2⁻¹⁶ records.
+    Gear(GearState, u32),
 }
 
 impl ReportEntry {
@@ -69,7 +73,7 @@ const ALARM: u8 = 3;
 const INPUTS: u8 = 4;
 const WHEEL: u8 = 5;
 const REFUSED: u8 = 6;
-/// The next byte is the kind: 00–1F are for cutting, 20–2F for probing.
+/// The next byte is the kind: 00–1F are for cutting, 20–2F for probing, 30–3F for the spindle.
 const EXTENDED: u8 = 7;
 
 mod extended {
@@ -81,6 +85,8 @@ mod extended {
     pub(super) const PROBE_ARMED: u8 = 0x20;
     pub(super) const PROBE_EDGE: u8 = 0x21;
     pub(super) const PROBE_TOUCHED: u8 = 0x22;
+    pub(super) const SPINDLE_SPEED: u8 = 0x30;
+    pub(super) const GEAR: u8 = 0x31;
 }
 
 const STARVED: u8 = 1 << 5;
@@ -165,6 +171,19 @@ impl ReportEntry {
                 writer.u16(part)
             }
             Self::ProbeTouched => writer.slice(&[EXTENDED, extended::PROBE_TOUCHED]),
+            Self::SpindleSpeed(speed) => {
+                writer.slice(&[EXTENDED, extended::SPINDLE_SPEED])?;
+                writer.signed(i64::from(speed))
+            }
+            Self::Gear(state, lag) => {
+                let state = match state {
+                    GearState::Off => 0,
+                    GearState::Waiting => 1,
+                    GearState::Engaged => 2,
+                };
+                writer.slice(&[EXTENDED, extended::GEAR, state])?;
+                writer.count(u64::from(lag))
+            }
         }
     }
 
@@ -212,6 +231,16 @@ impl ReportEntry {
             extended::PROBE_ARMED => Self::ProbeArmed,
             extended::PROBE_EDGE => Self::ProbeEdge(reader.u16()?),
             extended::PROBE_TOUCHED => Self::ProbeTouched,
+            extended::SPINDLE_SPEED => Self::SpindleSpeed(reader.signed32()?),
+            extended::GEAR => {
+                let state = match reader.u8()? {
+                    0 => GearState::Off,
+                    1 => GearState::Waiting,
+                    2 => GearState::Engaged,
+                    _ => return None,
+                };
+                Self::Gear(state, reader.count32()?)
+            }
             _ => return None,
         })
     }

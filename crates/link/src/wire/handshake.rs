@@ -10,7 +10,7 @@ use super::entry::{read_alarm, write_alarm};
 use super::{ByteReader, ByteWriter};
 use crate::{
     Alarm, BeamPower, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse,
-    LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, OutputChange, PathStart, ProofInput, SpindlePwm,
+    LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, OutputChange, PathStart, ProofInput, SpindlePwm, SpindleSettings,
 };
 
 /// Greeting: a card's answer to a greeting request.
@@ -50,7 +50,8 @@ impl<const A: usize> Greeting<A> {
         writer.u32(of.serial)?;
         writer.u32(of.boot)?;
         let outputs = of.outputs | if of.has_spindle_pwm { SPINDLE_PWM } else { 0 };
-        writer.slice(&[of.axes, outputs, of.inputs])?;
+        let inputs = of.inputs | if of.has_spindle_encoder { SPINDLE_ENCODER } else { 0 };
+        writer.slice(&[of.axes, outputs, inputs])?;
         for value in [of.window, of.tick_hz, of.min_period_us, of.max_period_us, of.max_pulses_hz] {
             writer.count(u64::from(value))?;
         }
@@ -85,8 +86,9 @@ impl<const A: usize> Greeting<A> {
             boot,
             axes,
             outputs: outputs & !SPINDLE_PWM,
-            inputs,
+            inputs: inputs & !SPINDLE_ENCODER,
             has_spindle_pwm: outputs & SPINDLE_PWM != 0,
+            has_spindle_encoder: inputs & SPINDLE_ENCODER != 0,
             window: reader.count32()?,
             tick_hz: reader.count32()?,
             min_period_us: reader.count32()?,
@@ -112,6 +114,8 @@ impl<const A: usize> Greeting<A> {
 
 /// Flag in the number of outputs: the card has an output for S.
 const SPINDLE_PWM: u8 = 0x80;
+/// Flag in the number of inputs: the card reads the encoder of a spindle.
+const SPINDLE_ENCODER: u8 = 0x80;
 
 /// Settings of an epoch, as they are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -157,7 +161,8 @@ impl<const A: usize> Opening<A> {
         of.safe().iter().try_for_each(|&change| write_safe(writer, change))?;
         write_cutting(writer, &of.cutting)?;
         write_layer(writer, of.layer)?;
-        write_spindle_pwm(writer, of.spindle_pwm)
+        write_spindle_pwm(writer, of.spindle_pwm)?;
+        write_spindle(writer, of.spindle)
     }
 
     /// Reads the message after its kind.
@@ -200,6 +205,7 @@ impl<const A: usize> Opening<A> {
         settings.cutting = read_cutting(reader)?;
         settings.layer = read_layer(reader)?;
         settings.spindle_pwm = read_spindle_pwm(reader)?;
+        settings.spindle = read_spindle(reader)?;
         Some(Self(settings))
     }
 }
@@ -255,6 +261,41 @@ fn write_spindle_pwm(writer: &mut ByteWriter<'_>, pwm: Option<SpindlePwm>) -> Op
 fn read_spindle_pwm(reader: &mut ByteReader<'_>) -> Option<Option<SpindlePwm>> {
     let full_scale = reader.count32()?;
     Some(if full_scale == 0 { None } else { Some(SpindlePwm { full_scale, hz: reader.u16()? }) })
+}
+
+/// Flags of a spindle's encoder.
+const IS_INVERTED: u8 = 1;
+const HAS_INDEX: u8 = 2;
+
+/// Writes the settings of the spindle's encoder; 0 counts a turn: there is none.
+fn write_spindle(writer: &mut ByteWriter<'_>, spindle: Option<SpindleSettings>) -> Option<()> {
+    let Some(of) = spindle else { return writer.u8(0) };
+    writer.count(u64::from(of.counts_per_turn))?;
+    writer.u8(if of.is_inverted { IS_INVERTED } else { 0 } | if of.has_index { HAS_INDEX } else { 0 })?;
+    for value in [u32::from(of.at_speed_permille), u32::from(of.at_speed_periods), of.timeout_periods, of.highest_speed]
+    {
+        writer.count(u64::from(value))?;
+    }
+    Some(())
+}
+
+/// Reads the settings of the spindle's encoder. Returns `None` if the bytes are cut short.
+#[allow(clippy::option_option)]
+fn read_spindle(reader: &mut ByteReader<'_>) -> Option<Option<SpindleSettings>> {
+    let counts_per_turn = reader.count32()?;
+    if counts_per_turn == 0 {
+        return Some(None);
+    }
+    let flags = reader.u8()?;
+    Some(Some(SpindleSettings {
+        counts_per_turn,
+        is_inverted: flags & IS_INVERTED != 0,
+        has_index: flags & HAS_INDEX != 0,
+        at_speed_permille: reader.count16()?,
+        at_speed_periods: reader.count16()?,
+        timeout_periods: reader.count32()?,
+        highest_speed: reader.count32()?,
+    }))
 }
 
 /// Flag in the number of channels: dry run.

@@ -5,10 +5,11 @@
 use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
-    HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction,
-    OutputChange, ProbeArming, RepeatedInstruction,
+    GearStart, HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing,
+    OutputAction, OutputChange, ProbeArming, RepeatedInstruction, SpindleTask,
 };
-use retrace_core::RecordIndex;
+use retrace_core::gear::GearLimits;
+use retrace_core::{Distance, Rate, RecordIndex};
 
 mod tag {
     pub(super) const PLACE_AHEAD: u8 = 0x01;
@@ -92,7 +93,7 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
             writer.u8(tag::REPEAT)?;
             writer.u32(repeated.number)?;
             let RepeatedInstruction { periods, until, is_pulse, layer, .. } = *repeated;
-            write_switching(writer, periods, repeated.changes(), until, is_pulse, layer)
+            write_switching(writer, periods, repeated.changes(), until, (is_pulse, layer, None))
         }
         HostCommand::ArmProbe(ProbeArming { input, active, filter_periods }) => {
             writer.u8(tag::ARM_PROBE)?;
@@ -174,8 +175,8 @@ pub(super) fn read_change(reader: &mut ByteReader<'_>) -> Option<OutputChange> {
 fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> Option<()> {
     writer.u32(instruction.number)?;
     writer.u32(instruction.place.number())?;
-    let Instruction { periods, until, keeps_cutter, layer, .. } = *instruction;
-    write_switching(writer, periods, instruction.changes(), until, keeps_cutter, layer)
+    let Instruction { periods, until, keeps_cutter, layer, spindle, .. } = *instruction;
+    write_switching(writer, periods, instruction.changes(), until, (keeps_cutter, layer, spindle))
 }
 
 /// Flag in the count of changes: an input follows them.
@@ -184,8 +185,10 @@ const AWAITS: u8 = 0x80;
 const KEEPS_CUTTER: u8 = 0x40;
 /// Flag in the count of changes: moves of the layer follow the input.
 const MOVES_LAYER: u8 = 0x20;
+/// Flag in the count of changes: what is awaited at the spindle follows last.
+const SPINDLE: u8 = 0x10;
 /// All flags in the count of changes.
-const FLAGS: u8 = AWAITS | KEEPS_CUTTER | MOVES_LAYER;
+const FLAGS: u8 = AWAITS | KEEPS_CUTTER | MOVES_LAYER | SPINDLE;
 /// Number of the awaited input.
 const AWAITED_INPUT: u8 = 0x3F;
 /// Flag of the awaited input: it must become active.
@@ -198,12 +201,14 @@ fn write_switching(
     periods: u32,
     changes: &[OutputChange],
     until: Option<InputWait>,
-    keeps_cutter: bool,
-    layer: Option<LayerMove>,
+    (keeps_cutter, layer, spindle): (bool, Option<LayerMove>, Option<SpindleTask>),
 ) -> Option<()> {
     writer.count(u64::from(periods))?;
     let flag = |flag: u8, so: bool| if so { flag } else { 0 };
-    let flags = flag(AWAITS, until.is_some()) | flag(KEEPS_CUTTER, keeps_cutter) | flag(MOVES_LAYER, layer.is_some());
+    let flags = flag(AWAITS, until.is_some())
+        | flag(KEEPS_CUTTER, keeps_cutter)
+        | flag(MOVES_LAYER, layer.is_some())
+        | flag(SPINDLE, spindle.is_some());
     writer.u8(changes.len() as u8 | flags)?;
     changes.iter().try_for_each(|&change| write_change(writer, change))?;
     if let Some(InputWait { input, active, timeout_periods, ignition }) = until {
@@ -216,7 +221,50 @@ fn write_switching(
             writer.count(u64::from(ignition.delay_periods))?;
         }
     }
-    layer.map_or(Some(()), |moves| write_layer(writer, moves))
+    layer.map_or(Some(()), |moves| write_layer(writer, moves))?;
+    spindle.map_or(Some(()), |task| write_spindle_task(writer, task))
+}
+
+const AT_SPEED: u8 = 0;
+const GEAR: u8 = 1;
+
+fn write_spindle_task(writer: &mut ByteWriter<'_>, task: SpindleTask) -> Option<()> {
+    let SpindleTask::Gear(GearStart { length, records_per_turn, start_angle, ahead, limits, ramp_share }) = task else {
+        return writer.u8(AT_SPEED);
+    };
+    writer.u8(GEAR)?;
+    for value in [length, u32::from(records_per_turn), start_angle, ahead, u32::from(ramp_share)] {
+        writer.count(u64::from(value))?;
+    }
+    let GearLimits { rate, near_end, tolerance } = limits;
+    for value in [rate.units(), near_end.units(), tolerance.units()] {
+        writer.signed(value)?;
+    }
+    Some(())
+}
+
+/// Reads what is awaited at the spindle, if the count of changes has its flag. Returns `None` if the bytes are invalid.
+#[allow(clippy::option_option)]
+fn read_spindle_task(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<SpindleTask>> {
+    if counts & SPINDLE == 0 {
+        return Some(None);
+    }
+    Some(Some(match reader.u8()? {
+        AT_SPEED => SpindleTask::AtSpeed,
+        GEAR => SpindleTask::Gear(GearStart {
+            length: reader.count32()?,
+            records_per_turn: reader.count16()?,
+            start_angle: reader.count32()?,
+            ahead: reader.count32()?,
+            ramp_share: reader.count16()?,
+            limits: GearLimits {
+                rate: Rate::from_units(reader.signed()?),
+                near_end: Distance::from_units(reader.signed()?),
+                tolerance: Distance::from_units(reader.signed()?),
+            },
+        }),
+        _ => return None,
+    }))
 }
 
 /// Flags in the kind of a start: it may do without sensing the sheet; its ohmic contacts follow.
@@ -274,12 +322,15 @@ fn read_instruction(reader: &mut ByteReader<'_>) -> Option<Instruction> {
     let count = counts & !FLAGS;
     let changes = read_changes(reader, count)?;
     let (until, layer) = (read_until(reader, counts)?, read_layer(reader, counts)?);
-    let keeps_cutter = counts & KEEPS_CUTTER != 0;
-    Some(Instruction { number, place, changes, count, periods, until, keeps_cutter, layer })
+    let (keeps_cutter, spindle) = (counts & KEEPS_CUTTER != 0, read_spindle_task(reader, counts)?);
+    Some(Instruction { number, place, changes, count, periods, until, keeps_cutter, layer, spindle })
 }
 
 fn read_repeated(reader: &mut ByteReader<'_>) -> Option<RepeatedInstruction> {
     let (number, periods, counts) = (reader.u32()?, reader.count32()?, reader.u8()?);
+    if counts & SPINDLE != 0 {
+        return None;
+    }
     let count = counts & !FLAGS;
     let changes = read_changes(reader, count)?;
     let (until, layer) = (read_until(reader, counts)?, read_layer(reader, counts)?);

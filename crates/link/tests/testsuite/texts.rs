@@ -8,7 +8,7 @@ use retrace_link::{
 };
 use std::collections::BTreeSet;
 
-const ALARMS: [(Alarm, u8, u32, &str); 14] = [
+const ALARMS: [(Alarm, u8, u32, &str); 18] = [
     (Alarm::HostSilent, 1, 0, "E3011"),
     (Alarm::EmergencyStop, 2, 0, "E3012"),
     (Alarm::DoorOpen, 3, 0, "E3013"),
@@ -23,6 +23,10 @@ const ALARMS: [(Alarm, u8, u32, &str); 14] = [
     (Alarm::CutterStaysOn { input: 15 }, 11, 15, "E3023"),
     (Alarm::Collision { input: 7 }, 12, 7, "E3027"),
     (Alarm::ProbeTripped { input: 9 }, 13, 9, "E3028"),
+    (Alarm::NotAtSpeed, 14, 0, "E3032"),
+    (Alarm::EncoderFailed, 15, 0, "E3033"),
+    (Alarm::SpindleStalled, 16, 0, "E3034"),
+    (Alarm::ThreadLost, 17, 0, "E3035"),
 ];
 
 fn is_described(failure: &impl CardFailure, number: &str) {
@@ -41,7 +45,7 @@ fn every_alarm_has_its_code_its_number_and_its_words() {
         assert_eq!(error.to_string(), alarm.to_string());
     }
     assert_eq!(Alarm::from_wire(4, 0x2FE), Some(Alarm::LimitSwitch { axis: 0xFE, upper: false }));
-    assert_eq!((Alarm::from_wire(0, 0), Alarm::from_wire(14, 0)), (None, None));
+    assert_eq!((Alarm::from_wire(0, 0), Alarm::from_wire(18, 0)), (None, None));
 }
 
 #[test]

@@ -1,23 +1,25 @@
 //! Messages as bytes: what is written is read back, and any bytes are read as something or refused.
 
 use proptest::prelude::*;
+use retrace_core::gear::GearLimits;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, FeedShare, Flags, Place, RapidCap, Record, RecordIndex};
+use retrace_core::{Distance, FeedShare, Flags, Place, RapidCap, Rate, Record, RecordIndex};
 use retrace_link::frame::MAX_PAYLOAD;
 use retrace_link::wire::{
     ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_command, write_command,
 };
 use retrace_link::{
     Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
-    HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
-    MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL,
-    PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindlePwm,
+    GearStart, GearState, HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction,
+    LayerMove, LayerSettings, MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction,
+    OutputChange, PROTOCOL, PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindlePwm, SpindleSettings,
+    SpindleTask,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
     let increment = prop_oneof![-3i16..3, -100i16..100, any::<i16>()];
     let share = prop_oneof![Just(0), Just(1 << 15), any::<u16>()];
-    let all = (prop::array::uniform4(increment), any::<u32>(), 0u8..4, 0u8..=255, share);
+    let all = (prop::array::uniform4(increment), any::<u32>(), 0u8..64, 0u8..=255, share);
     all.prop_map(|(increments, line, flags, cap, share)| Record {
         increments,
         line: line >> (line & 31),
@@ -37,7 +39,8 @@ fn instruction() -> impl Strategy<Value = Instruction> {
     });
     let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>(), prop::option::of(ignition)));
     let changes = prop::collection::vec(change(), 0..=MAX_CHANGES);
-    (any::<[u32; 3]>(), changes, until, any::<bool>(), layer()).prop_map(|(n, list, until, keeps_cutter, layer)| {
+    let rest = (any::<bool>(), layer(), spindle_task());
+    (any::<[u32; 3]>(), changes, until, rest).prop_map(|(n, list, until, (keeps_cutter, layer, spindle))| {
         let mut changes = [OutputChange::default(); MAX_CHANGES];
         changes[..list.len()].copy_from_slice(&list);
         let until = until
@@ -51,8 +54,19 @@ fn instruction() -> impl Strategy<Value = Instruction> {
             until,
             keeps_cutter,
             layer,
+            spindle,
         }
     })
+}
+
+fn spindle_task() -> impl Strategy<Value = Option<SpindleTask>> {
+    let numbers = (any::<[u32; 3]>(), any::<[u16; 2]>(), any::<[i64; 3]>());
+    let gear = numbers.prop_map(|([length, start_angle, ahead], [records_per_turn, ramp_share], units)| {
+        let [near_end, tolerance] = [units[1], units[2]].map(Distance::from_units);
+        let limits = GearLimits { rate: Rate::from_units(units[0]), near_end, tolerance };
+        SpindleTask::Gear(GearStart { length, records_per_turn, start_angle, ahead, limits, ramp_share })
+    });
+    prop::option::of(prop_oneof![Just(SpindleTask::AtSpeed), gear])
 }
 
 fn layer() -> impl Strategy<Value = Option<LayerMove>> {
@@ -118,7 +132,7 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
 fn entry() -> impl Strategy<Value = ReportEntry> {
     let travel = prop_oneof![Just(0i64), Just(1 << 32), Just(-(1i64 << 32)), -(8i64 << 32)..=8 << 32]
         .prop_map(Distance::from_units);
-    let alarm = (0u8..12, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
+    let alarm = (0u8..18, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
     prop_oneof![
         (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>())
             .prop_map(|(distance, count, starved, at_rest)| ReportEntry::Ran { distance, count, starved, at_rest }),
@@ -128,6 +142,10 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<u16>().prop_map(ReportEntry::Inputs),
         any::<i16>().prop_map(ReportEntry::Wheel),
         any::<u32>().prop_map(ReportEntry::Refused),
+        any::<i32>().prop_map(ReportEntry::SpindleSpeed),
+        (0usize..3, any::<u32>()).prop_map(|(state, lag)| {
+            ReportEntry::Gear([GearState::Off, GearState::Waiting, GearState::Engaged][state], lag)
+        }),
         (any::<u8>(), 0u8..9, any::<[u32; 2]>()).prop_map(|(channels, cause, [record, fraction])| {
             let cause = CutterOffCause::from_wire(cause).expect("a cause");
             let place = Place { record: RecordIndex::new(record), fraction };
@@ -223,6 +241,7 @@ fn handshakes_are_read_back() {
         outputs: 64,
         inputs: 16,
         has_spindle_pwm: true,
+        has_spindle_encoder: true,
         window: 4096,
         memory: 64,
         tick_hz: 168_000_000,
@@ -261,6 +280,15 @@ fn handshakes_are_read_back() {
     };
     settings.layer = Some(LayerSettings { axis: 2, contacts: 1 << 9 | 1, probe_speed: 1 << 17, latch_speed: u32::MAX });
     settings.spindle_pwm = Some(SpindlePwm { full_scale: i32::MAX as u32, hz: 50_000 });
+    settings.spindle = Some(SpindleSettings {
+        counts_per_turn: 1 << 17,
+        is_inverted: true,
+        has_index: true,
+        at_speed_permille: 500,
+        at_speed_periods: u16::MAX,
+        timeout_periods: u32::MAX,
+        highest_speed: i32::MAX as u32,
+    });
     settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };

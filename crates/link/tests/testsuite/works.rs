@@ -39,6 +39,7 @@ impl Works {
             outputs: 8,
             inputs: 4,
             has_spindle_pwm: false,
+            has_spindle_encoder: false,
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,

@@ -6,7 +6,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use retrace_controller::CutterState;
-use retrace_link::channel;
+use retrace_link::{GearState, channel};
 
 use super::{Theme, fold, pane, put_at, truncate};
 use crate::cut_text;
@@ -165,7 +165,7 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
     let width = usize::from(inside.width).saturating_sub(2);
     let mut lines: Vec<String> = cutters(model).iter().flat_map(|line| fold(line, width, 2)).collect();
     if lines.is_empty() {
-        lines.extend([spindle(model), outputs(model)]);
+        lines.extend([Some(spindle(model)), measured(model), Some(outputs(model))].into_iter().flatten());
     } else {
         lines.extend(fold(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
     }
@@ -259,6 +259,17 @@ fn spindle(model: &ScreenModel) -> String {
     };
     let tool = model.active.tool.unwrap_or(model.output(channel::TOOL));
     format!("{spindle}{coolant} · T{tool}")
+}
+
+/// Measured speed of a spindle with an encoder, and what the motion does with it.
+fn measured(model: &ScreenModel) -> Option<String> {
+    let speed = model.spindle.speed?;
+    let gear = match model.spindle.gear {
+        GearState::Off => "",
+        GearState::Waiting => " · waits for its angle",
+        GearState::Engaged => " · in a thread",
+    };
+    Some(format!("measured {:.0}/min{gear}", f64::from(speed) / 1000.0))
 }
 
 /// Lists the digital outputs that are on, by name, except those that fire a cutter.

@@ -33,6 +33,7 @@ pub(crate) fn identity() -> CardIdentity {
         outputs: 8,
         inputs: 6,
         has_spindle_pwm: true,
+        has_spindle_encoder: true,
         window: 0,
         memory: 0,
         tick_hz: 1_000_000,

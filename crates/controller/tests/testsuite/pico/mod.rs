@@ -133,7 +133,13 @@ fn compare(
             check([0; AXES], &"a change of the step timing")?;
         }
         encoder = encoder.wrapping_add_signed(step.steps);
-        let status = *card.run_period(InputLevels { levels: step.inputs, encoder, failed: false, probe_change: None });
+        let status = *card.run_period(InputLevels {
+            levels: step.inputs,
+            encoder,
+            failed: false,
+            probe_change: None,
+            ..InputLevels::default()
+        });
         let pulses = card.card().pulses().map(i64::from);
         while card.transmit(&mut [0; 64]) > 0 {}
         check(pulses, &(period, &status))?;

@@ -1,0 +1,61 @@
+//! Geared stretches in the plan, and records that the planner of the program has not made (SPN-17).
+//!
+//! Invariant: the program's planner goes on from where such records end, to the pulse.
+
+use retrace_config::EncoderConfig;
+use retrace_core::Record;
+use retrace_journal::IndexEntry;
+use retrace_link::SpindleTask;
+
+use super::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
+use crate::thread_plan::ThreadStretch;
+
+/// Code of a geared stretch, for messages.
+const CODE: &str = "G33";
+
+impl<const A: usize> PlanWriter<'_, A> {
+    /// Sets whether the feed of the moves to come follows the measured speed of the spindle.
+    pub fn set_feed_per_turn(&mut self, is_per_turn: bool) {
+        self.is_per_turn = is_per_turn;
+    }
+
+    /// Plans a geared stretch: the motion comes to rest, waits for the spindle, and follows it.
+    ///
+    /// # Errors
+    /// The reason why it is rejected; nothing has moved then.
+    pub fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        let Some(machine) = self.machine else { return Err(PlanWriteError::Cancelled) };
+        let line = stretch.line();
+        for piece in &stretch.pieces {
+            self.check_limits(&[piece.end_mm], piece.line)?;
+        }
+        self.rest()?;
+        let plan = stretch.plan(machine, encoder, self.planner.commanded_mm());
+        let plan = plan.map_err(|error| PlanWriteError::of_thread(error, line))?;
+        let spindle = Some(SpindleTask::Gear(plan.gear));
+        self.exclusive(SwitchInstruction { line, code: CODE, spindle, ..SwitchInstruction::default() })?;
+        let moved = self.push_records(plan.records.into_iter())?;
+        if !self.planner.displace(moved) {
+            return Err(PlanWriteError::Cancelled);
+        }
+        self.write_mark();
+        let barrier = SwitchInstruction { line, code: CODE, is_barrier: true, ..SwitchInstruction::default() };
+        Ok(self.exclusive(barrier)?)
+    }
+
+    /// Writes records that the program's planner has not made, behind a stop. Returns their sum.
+    pub(super) fn push_records(&mut self, records: impl Iterator<Item = Record<A>>) -> Result<[i64; A], Cancelled> {
+        let mut moved = [0; A];
+        for record in records {
+            if let Some(planned) = self.overrides.due_at(self.ring.write()) {
+                self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
+                self.planner.set_feed_override(f64::from(planned));
+            }
+            for (sum, &increment) in moved.iter_mut().zip(&record.increments) {
+                *sum += i64::from(increment);
+            }
+            self.push(record, self.block)?;
+        }
+        Ok(moved)
+    }
+}

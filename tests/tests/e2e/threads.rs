@@ -1,0 +1,170 @@
+//! Threads by the command: G33 and G76 with an encoder on the spindle (SPN-12, SPN-16, SPN-17, SPN-18, SPN-25).
+
+use std::fs;
+use std::process::Stdio;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::Bench;
+use retrace_tests::pins;
+use retrace_tests::run::Run;
+use retrace_tests::served::ServedCard;
+use serde_json::Value;
+
+const ENCODER: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\n";
+const THREAD: &str = "G21 G90\nS1000 M3\nG0 X2 Z5\nG33 Z-20 K1.5\nG0 X4\nG0 Z5\nM5\nM2\n";
+
+/// The program is checked and run with the same result, and the path is exact and within the limits.
+#[test]
+fn threads_and_cycles_are_checked_and_cut() {
+    let cycle = "G21 G18 G90\nS800 M3\nG0 X10 Z5\nG76 P1.5 Z-25 I-1 J0.3 K0.92 R1.5 Q29.5 H1 E1.5 L2\nG0 X20 Z20\nM2\n";
+    let two = "G21 G90 G64 P0.05\nS600 M3\nG0 X2 Z5\nG33 Z-20 K1.5\nG33 X3 Z-30 K2\nG0 X9\nG95 F0.2\nG1 Z-10\nM2\n";
+    for (program, end) in [(THREAD, [4_000, 0, 5_000]), (cycle, [20_000, 0, 20_000]), (two, [9_000, 0, -10_000])] {
+        let bench = Bench::new();
+        let machine = bench.file("m.toml", ENCODER).display().to_string();
+        let path = bench.file("part.ngc", program);
+        let checked = bench.retrace(["check", "part.ngc", "--machine", "m.toml"]);
+        assert_eq!(checked.code, Some(0), "{}", checked.err);
+        assert!(checked.out.contains("cannot be passed backward: G33"), "{}", checked.out);
+        assert!(checked.out.contains("threads: line 4: run-in "), "{}", checked.out);
+        let run = Run::of(&bench, &path, &["--machine", &machine]);
+        assert_eq!(run.counts(), end);
+        assert_eq!(run.number("limit_violations") + run.number("underruns"), 0.0);
+    }
+}
+
+#[test]
+fn what_cannot_be_cut_is_refused_before_anything_moves() {
+    for (machine, program, number) in [
+        ("[spindle]\nmax_rpm = 3000\n", "S1000 M3\nG33 Z-20 K1.5", "E4320"),
+        ("[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\nindex = false\n", "S1000 M3\nG33 Z-20 K1.5", "E4320"),
+        (ENCODER, "M3\nG33 Z-20 K1.5", "E4321"),
+        (ENCODER, "S0.01 M3\nG33 Z-20 K1.5", "E4321"),
+        (ENCODER, "S1000 M3\nG33 Z-40 K6", "E4322"),
+        (ENCODER, "S800 M3\nG76 P8 Z-40 I-1 J0.3 K0.92", "E4322"),
+        (ENCODER, "S1000 M3\nG33 Z-2 K1.5", "E4323"),
+        (ENCODER, "G61 S600 M3\nG33 Z-20 K1.5\nG33 X5 Z-30 K1.5", "E4324"),
+    ] {
+        let bench = Bench::new();
+        bench.file("m.toml", machine);
+        bench.file("part.ngc", format!("G21 G90\n{program}\nM2\n"));
+        for command in ["check", "run"] {
+            let result = bench.retrace([command, "part.ngc", "--machine", "m.toml", "--json"]);
+            let told = format!("{}{}", result.out, result.err);
+            assert!(result.code == Some(1) && told.contains(number), "{command} {program}: {told}");
+            assert!(told.contains("part.ngc:3:") || told.contains("\"line\":3"), "{command} {program}: {told}");
+            assert!(!result.out.contains("\"started\""), "{told}");
+        }
+    }
+}
+
+/// The highest speed that the refusal names is cut.
+#[test]
+fn the_speed_that_a_refusal_names_fits() {
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    let check = |speed: u32| {
+        bench.file("part.ngc", format!("G21 G90\nS{speed} M3\nG33 Z-60 K6\nM2\n"));
+        bench.retrace(["check", "part.ngc", "--machine", "m.toml"])
+    };
+    let refused = check(1000).err;
+    let named = refused.split("at most S").nth(1).and_then(|rest| rest.split(' ').next()).expect("a speed");
+    let speed: u32 = named.parse().unwrap_or_else(|error| panic!("{error}: {refused}"));
+    assert_eq!((check(speed).code, check(speed + 2).code), (Some(0), Some(1)), "{refused}");
+}
+
+/// A stop in a thread ends behind it, and the job goes on from there.
+#[test]
+fn a_stop_in_a_thread_ends_behind_it() {
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    bench.file("part.ngc", THREAD);
+    bench.file("stop.op", "at 0.9s stop\n");
+    let stopped = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--operator", "stop.op", "--json"]);
+    assert_eq!(stopped.code, Some(4), "{}{}", stopped.out, stopped.err);
+    assert_eq!(report(&stopped.out)["position_counts"]["z"], -20_000);
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(report(&resumed.out)["position_counts"]["z"], 5_000);
+}
+
+fn report(out: &str) -> Value {
+    serde_json::from_str(out.lines().last().unwrap_or_default()).unwrap_or_else(|error| panic!("{error}: {out}"))
+}
+
+/// The host is killed in a thread: the card switches the spindle off, the axes follow it to rest on the path, and the
+/// job is not resumed inside.
+#[test]
+fn a_job_that_was_killed_in_a_thread_is_not_resumed_in_it() {
+    let bench = Bench::new();
+    let machine = bench.file("m.toml", ENCODER).display().to_string();
+    bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n");
+    let vcd = bench.path("card.vcd");
+    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string()]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let mut child = bench.start(&run, Stdio::null(), "killed.txt");
+    let begun = Instant::now();
+    while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("G33\"") {
+        assert!(begun.elapsed() < Duration::from_secs(50), "the thread begins");
+        sleep(Duration::from_millis(2));
+    }
+    sleep(Duration::from_millis(1500));
+    child.kill().expect("it is killed");
+    child.wait().expect("it ends");
+    // the watchdog, and a spindle that coasts
+    sleep(Duration::from_millis(1500));
+    let place = card.identify(&bench);
+    let z = place["counts"][2].as_i64().unwrap_or_else(|| panic!("{place}"));
+    assert!((-58_000..0).contains(&z), "inside the thread: {z}");
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert!(resumed.code != Some(0) && resumed.err.contains("E2219"), "{}{}", resumed.out, resumed.err);
+    assert_eq!(card.identify(&bench)["counts"][2].as_i64(), Some(z), "nothing has moved");
+    let _ = card.end();
+    let samples = pins::samples(&vcd);
+    let last = samples.last().expect("a trace");
+    assert!(!last.is_on("spindle"), "{last:?}");
+    assert!(samples.iter().any(|sample| sample.is_on("spindle")));
+}
+
+/// Whatever ends a thread early: the spindle is off, the machine is at rest inside of the thread, and nothing moves it
+/// afterwards, also not a spindle that is turned by hand.
+#[test]
+fn whatever_ends_a_thread_early_leaves_the_spindle_off_and_the_machine_at_rest() {
+    for (event, number) in [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("power off", "")] {
+        let bench = Bench::new();
+        let stop = "[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
+        let machine = bench.file("m.toml", format!("{stop}{ENCODER}")).display().to_string();
+        bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n");
+        let vcd = bench.path("card.vcd");
+        let mut card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string()]);
+        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+        let mut child = bench.start(&run, Stdio::null(), "run.txt");
+        let begun = Instant::now();
+        while !fs::read_to_string(bench.path("run.txt")).unwrap_or_default().contains("G33\"") {
+            assert!(begun.elapsed() < Duration::from_secs(50), "the thread begins");
+            sleep(Duration::from_millis(2));
+        }
+        sleep(Duration::from_millis(1200));
+        card.operate(event);
+        sleep(Duration::from_millis(1000));
+        if event == "power off" {
+            card.operate("power on");
+            sleep(Duration::from_millis(500));
+        }
+        let _ = child.kill();
+        child.wait().expect("it ends");
+        let told = fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
+        assert!(told.contains(number), "{event}: {told}");
+        card.operate("spindle turn 0.4");
+        sleep(Duration::from_millis(1200));
+        let _ = card.end();
+        let samples = pins::samples(&vcd);
+        let last = samples.last().expect("a trace");
+        assert!(!last.is_on("spindle"), "{event}: {last:?}");
+        let switched_off = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");
+        let rest = samples.iter().rev().take_while(|sample| sample.rate == 0.0).count();
+        let moved_for = samples.len() - rest - switched_off;
+        // 600 turns a minute coast to rest in 0.4 s.
+        assert!(moved_for <= 700, "{event}: {moved_for} periods behind the switching");
+    }
+}
