@@ -122,6 +122,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 30,
     },
     Campaign {
+        name: "spindle-faults",
+        purpose: "every fault of the encoder and the spindle in a thread is an alarm",
+        test: ["retrace-hal-sim", "testsuite", "threads::no_fault_of_the_encoder_is_silent"],
+        asked: BY_SEED,
+        full: 20_000,
+        slice: 60,
+    },
+    Campaign {
         name: "kill-probing",
         purpose: "a host killed at any moments of a job that probes: resumed, it ends exactly, with the same points, \
             and no answer in its journal twice",

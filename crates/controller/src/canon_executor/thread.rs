@@ -96,7 +96,8 @@ impl CanonExecutor<'_> {
     /// The machine cannot follow the spindle there.
     pub(crate) fn end_thread<const A: usize>(&mut self, sink: &mut impl MotionSink<A>) -> Result<(), CanonError> {
         let Some(thread) = self.thread.take().filter(|thread| !thread.pieces.is_empty()) else { return Ok(()) };
-        let Some(encoder) = self.machine.encoder else { return Err(CanonError::NoEncoder) };
+        // What is missing was reported where the thread begins.
+        let Some(encoder) = self.machine.encoder.filter(|_| self.check_thread().is_ok()) else { return Ok(()) };
         let piece = |of: CollectedPiece| {
             let mut end_mm = [0.0; A];
             end_mm.iter_mut().zip(of.end_mm).for_each(|(slot, mm)| *slot = mm);

@@ -382,9 +382,10 @@ fn faulty_run(random: &mut Random, fault: SpindleFault) -> (Option<Alarm>, f64) 
 /// Every fault is an alarm, within 1.2 turns where counts are lost, and the spindle is off then.
 #[test]
 fn no_fault_of_the_encoder_is_silent() {
-    let mut random = Random::new(1);
-    let runs = if std::env::var_os("RETRACE_FULL").is_some() { 20_000 } else { 60 };
-    for _ in 0..runs {
+    let number = |name: &str, usual: u64| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(usual);
+    let (cases, first) = (number("RETRACE_CASES", 60), number("RETRACE_FIRST_SEED", 1));
+    for case in 0..cases {
+        let mut random = Random::new(first + case);
         let wrong = 3 + i64::from(random.up_to(150));
         let counts = if random.up_to(1) == 0 { wrong } else { -wrong };
         for fault in [
@@ -402,8 +403,9 @@ fn no_fault_of_the_encoder_is_silent() {
                 SpindleFault::Stalled => (&[Alarm::EncoderFailed, Alarm::SpindleStalled, Alarm::ThreadLost][..], 0.1),
                 SpindleFault::TooFast(_) => (&[Alarm::ThreadLost][..], 6.0),
             };
-            assert!(alarm.is_some_and(|alarm| expected.contains(&alarm)), "{fault:?}: {alarm:?}");
-            assert!(turns <= most, "{fault:?}: {turns} turns");
+            let seed = first + case;
+            assert!(alarm.is_some_and(|alarm| expected.contains(&alarm)), "seed {seed}, {fault:?}: {alarm:?}");
+            assert!(turns <= most, "seed {seed}, {fault:?}: {turns} turns");
         }
     }
 }
