@@ -51,6 +51,8 @@ pub struct RunStats {
     pub dropped_events: u64,
     furthest: Place,
     direction: i64,
+    /// Number of periods that the dwell that is being executed still takes.
+    dwell_left: u64,
 }
 
 /// Properties of a period that determine how it is counted.
@@ -86,13 +88,22 @@ impl RunStats {
         self.paused += 1;
     }
 
+    /// Begins a dwell of so many periods. What its order and its end take over the line beside them is waiting.
+    pub fn begin_dwell(&mut self, periods: u32) {
+        self.dwell_left = u64::from(periods);
+    }
+
     /// Counts a period.
     pub fn count_period(&mut self, spent: PeriodClass) {
         self.periods += 1;
         let new_ground = self.furthest.distance_to(spent.place) > Distance::ZERO;
         let bucket = match spent.instruction {
             _ if new_ground => &mut self.motion,
-            Some(true) => &mut self.dwell,
+            Some(true) if self.dwell_left > 0 => {
+                self.dwell_left -= 1;
+                &mut self.dwell
+            }
+            Some(true) => &mut self.waiting,
             Some(false) => &mut self.switching,
             None if spent.mode != Mode::Run => &mut self.retracing,
             None if spent.held => &mut self.held,
@@ -130,13 +141,15 @@ mod tests {
         stats.count_period(spent(Mode::Run, true, None, Rate::ZERO, RecordIndex::new(7)));
         stats.count_period(spent(Mode::Reverse, false, None, -Rate::ONE, RecordIndex::new(6)));
         stats.count_period(spent(Mode::Rejoin, false, None, Rate::ONE, RecordIndex::new(7)));
+        stats.begin_dwell(1);
+        stats.count_period(spent(Mode::Run, false, Some(true), Rate::ZERO, RecordIndex::new(7)));
         stats.count_period(spent(Mode::Run, false, Some(true), Rate::ZERO, RecordIndex::new(7)));
         stats.count_period(spent(Mode::Run, false, Some(false), Rate::ZERO, RecordIndex::new(7)));
         stats.count_period(spent(Mode::Run, false, None, Rate::ZERO, RecordIndex::new(7)));
         assert_eq!(
             (stats.motion, stats.held, stats.retracing, stats.dwell, stats.switching, stats.waiting),
-            (2, 1, 2, 1, 1, 1)
+            (2, 1, 2, 1, 1, 2)
         );
-        assert_eq!((stats.periods, stats.reversals), (8, 2));
+        assert_eq!((stats.periods, stats.reversals), (9, 2));
     }
 }

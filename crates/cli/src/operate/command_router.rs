@@ -27,7 +27,7 @@ struct Route {
     sent: u64,
     /// Number of the last start that the machine thread has received.
     received: u64,
-    /// Number of the last start that is done.
+    /// Number of the last start whose motion has ended.
     done: u64,
     /// Number of the last start that a hold has cancelled.
     cancelled: u64,
@@ -68,9 +68,11 @@ impl CommandRouter {
         Some(receiver)
     }
 
-    /// Ends routing to the job.
+    /// Ends routing to the job. A task that is sent while its end is still being reported is the next one.
     pub(super) fn end_job(&self) {
-        self.route().job = None;
+        let mut route = self.route();
+        route.job = None;
+        route.done = route.received;
     }
 
     /// Routes a command from a screen. Returns whether it was passed on.
@@ -174,7 +176,10 @@ mod tests {
         let begun = [(); 3].map(|()| router.begin_job(router.receive_start()).is_some());
         assert_eq!(begun, [false, false, true]);
         router.end_job();
-        assert!(!router.route_command(jog()), "what was started before is not done");
+        assert!(router.route_command(jog()), "the machine is at rest");
+        assert!(!router.route_command(jog()), "one task at a time");
+        assert!(router.begin_job(router.receive_start()).is_some());
+        router.end_job();
         router.finish_start();
         assert!(router.route_command(jog()));
         // The third one runs: it has the next hold.

@@ -22,9 +22,9 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::{OperatorCommand, ScriptInstruction};
+use retrace_controller::{ManualTask, OperatorCommand, ScriptInstruction};
 use retrace_link::MotionCard;
-use retrace_tui::{Screen, ScreenModel, lock_model};
+use retrace_tui::{Screen, ScreenModel, UiCommand, lock_model};
 
 use crate::args;
 use crate::command_failure::CommandFailure;
@@ -203,8 +203,21 @@ struct ScreenThread {
 impl ScreenThread {
     fn begin(model: &Arc<Mutex<ScreenModel>>, router: &Arc<CommandRouter>) -> Self {
         let (picture, router) = (Arc::clone(model), Arc::clone(router));
-        let thread =
-            thread::spawn(move || Screen::default().run(&picture, |command| _ = router.route_command(command)));
+        let thread = thread::spawn(move || {
+            Screen::default().run(&picture, |command| {
+                // A jog key that is held down repeats itself.
+                let is_repeated = matches!(command, UiCommand::Task(ManualTask::Jog { .. } | ManualTask::JogOn { .. }));
+                if !router.route_command(command) && !is_repeated {
+                    let mut model = lock_model(&picture);
+                    let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
+                    model.add_message(
+                        time_s,
+                        line,
+                        "E2421: the machine is busy with the order before · wait for its end",
+                    );
+                }
+            })
+        });
         Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
     }
 

@@ -88,6 +88,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.program_stop = ProgramStop::No;
         self.streamer.mark_sent();
         self.executing = Some(kind);
+        if kind == ExclusiveKind::Dwell {
+            self.stats.begin_dwell(periods);
+        }
         self.stats.switch_events += u64::from(kind == ExclusiveKind::Switch);
         if kind != ExclusiveKind::Input {
             self.emit_at(line, EventKind::Switching(code));
