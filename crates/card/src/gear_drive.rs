@@ -34,6 +34,8 @@ pub struct GearDrive {
     brakes: bool,
     /// Whether the spindle was switched off and rests: turned by hand it moves no axis.
     is_suspended: bool,
+    /// Whether an alarm has ended the stretch: once at rest, the cursor stays where it is.
+    is_halted: bool,
     /// Distance moved in the last period.
     moved: Distance,
     largest_lag: Distance,
@@ -60,6 +62,7 @@ impl GearDrive {
             waited: 0,
             brakes: false,
             is_suspended: false,
+            is_halted: false,
             moved: Distance::ZERO,
             largest_lag: Distance::ZERO,
         }
@@ -128,6 +131,11 @@ impl GearDrive {
         self.brakes = true;
     }
 
+    /// Ends the stretch by an alarm: the cursor follows the spindle until both rest, and moves no more.
+    pub const fn halt(&mut self) {
+        self.is_halted = true;
+    }
+
     /// Runs one control period with the cursor at `from`. `may_start`: motion forward is requested and nothing else
     /// holds it. `[low, high]`: the records that are held. `change`: maximum change of the rate where the records use
     /// this share of the axes' acceleration, in units of 2⁻¹⁶. Returns `None` where no stretch has the cursor.
@@ -155,12 +163,17 @@ impl GearDrive {
             }
         }
         let is_on = spindle.direction() != 0;
-        self.is_suspended = !is_on && (self.is_suspended || self.moved == Distance::ZERO && spindle.is_at_rest());
+        let gear = self.engaged.as_mut()?;
+        // A spindle that was turned by hand does not take the cursor along when it is switched on again.
+        let lag = stretch.ratio.distance(angle.saturating_sub(gear.anchor())) - gear.at();
+        let is_away = lag.abs() > stretch.start.limits.tolerance;
+        let rests = !is_on && self.moved == Distance::ZERO && spindle.is_at_rest();
+        self.is_suspended = rests || self.is_suspended && (!is_on || is_away || self.is_halted);
         if self.is_suspended && !self.brakes {
             self.moved = Distance::ZERO;
-            return Some(GearedPeriod { moved: Distance::ZERO, alarm: None });
+            let is_lost = is_on && is_away && !self.is_halted;
+            return Some(GearedPeriod { moved: Distance::ZERO, alarm: is_lost.then_some(Alarm::ThreadLost) });
         }
-        let gear = self.engaged.as_mut()?;
         let was_engaged = !self.brakes;
         let change = change(if gear.is_near_end() { stretch.start.ramp_share } else { 0 });
         let step = if self.brakes { gear.brake(change) } else { gear.run_period(angle, held, change) };

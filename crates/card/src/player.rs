@@ -269,7 +269,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     pub(crate) fn halt(&mut self, safe: &[OutputChange]) {
         self.target = RateTarget::ZERO;
         self.switching.cancel();
-        self.stop_spindle_of_gear();
+        self.halt_gear();
         self.outputs.lock_safe(safe);
         self.update_status();
     }

@@ -50,7 +50,7 @@ pub(crate) enum CanonError {
     NoEncoder,
     /// E4321: a thread with the spindle at no speed.
     ThreadWithoutSpeed,
-    /// E4322 … E4324: a thread that the machine cannot cut; it begins in this line.
+    /// E4322 … E4325: a thread that the machine cannot cut; it begins in this line.
     Thread(ThreadError, u32),
     /// E4316: a probing move at a feed per turn.
     FeedPerTurnInProbing,
@@ -157,6 +157,9 @@ impl CanonError {
             }
             Self::Thread(error @ ThreadError::StopsInside, _) => {
                 ("E4324", error.to_string(), "G64 P with a tolerance for the corner, before them")
+            }
+            Self::Thread(error @ ThreadError::TooLong { .. }, _) => {
+                ("E4325", error.to_string(), "K is the distance in a turn of the spindle: check it, and S")
             }
             Self::Thread(error @ (ThreadError::NoSpeed | ThreadError::Move(_)), _) => {
                 ("E4321", error.to_string(), "a higher S; a thread is planned for the commanded speed")

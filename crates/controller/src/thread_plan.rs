@@ -16,6 +16,8 @@ use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 const ACCELERATION_SHARE: f64 = 0.75;
 /// Time for which the card holds records before it begins, s (SPN-14).
 const AHEAD_S: f64 = 0.25;
+/// Maximum records of a stretch: 17 minutes at a control period of 1 ms.
+const MAX_RECORDS: f64 = 1_048_576.0;
 /// Largest relative difference of a record in the straight part from a whole one.
 const STRAIGHT: f64 = 1e-6;
 
@@ -67,6 +69,11 @@ pub enum ThreadError {
         /// Distance that each ramp needs, about, mm.
         needs_mm: f64,
     },
+    /// It has more turns than are planned as one.
+    TooLong {
+        /// Its turns.
+        turns: f64,
+    },
     /// The path stops inside: at a corner that is not blended.
     StopsInside,
     /// The spindle is commanded to turn at no speed.
@@ -86,6 +93,9 @@ impl std::fmt::Display for ThreadError {
                 "the thread is too short: the axes need about {needs_mm:.2} mm at either end to come to the pitch at \
                  this speed"
             ),
+            Self::TooLong { turns } => {
+                write!(f, "a thread of {turns:.0} turns takes longer at this speed than is planned as one")
+            }
             Self::StopsInside => write!(f, "the path stops in a corner between two threads, and the spindle does not"),
             Self::NoSpeed => write!(f, "a thread (G33, G76) at a speed at which a turn takes too long"),
             Self::Move(error) => write!(f, "{error}"),
@@ -128,6 +138,10 @@ impl<const A: usize> ThreadStretch<A> {
             return Err(ThreadError::TooFast { highest_rpm: self.rpm * fastest });
         }
         let main = self.main_piece(from_mm);
+        let turns = self.turns(from_mm);
+        if turns * f64::from(records_per_turn) > MAX_RECORDS {
+            return Err(ThreadError::TooLong { turns });
+        }
         // Distances along the main piece at each place: before the first record, and behind each.
         let (records, along_mm) = self.planned(limits, per_s, &main, from_mm)?;
         let pitch_mm = self.pieces[main.index].pitch_mm;
@@ -186,6 +200,13 @@ impl<const A: usize> ThreadStretch<A> {
             from = piece.end_mm;
         }
         highest
+    }
+
+    /// Turns of the spindle in all pieces.
+    fn turns(&self, from_mm: [f64; A]) -> f64 {
+        let ends = self.pieces.iter().map(|piece| piece.end_mm);
+        let from = std::iter::once(from_mm).chain(ends);
+        from.zip(&self.pieces).map(|(from, piece)| direction_of(&from, &piece.end_mm).1 / piece.pitch_mm).sum()
     }
 
     fn main_piece(&self, from_mm: [f64; A]) -> MainPiece<A> {
@@ -352,6 +373,7 @@ mod tests {
         };
         assert!((1.0..2.5).contains(&needs_mm), "{needs_mm}");
         assert_eq!(planned(&[along_z(-2.0, 1.5)], 0.0), Err(ThreadError::NoSpeed));
+        assert_eq!(planned(&[along_z(-50.0, 0.001)], 1000.0), Err(ThreadError::TooLong { turns: 50_000.0 }));
         assert!(matches!(planned(&[along_z(-2.0, 1.5)], 100_000.0), Err(ThreadError::TooFast { .. })));
         let corner = |mode| ThreadPiece { end_mm: [5.0, -25.0], mode, ..along_z(0.0, 1.5) };
         let exact = ThreadPiece { mode: PathMode::ExactPath, ..along_z(-20.0, 1.5) };

@@ -43,6 +43,7 @@ fn what_cannot_be_cut_is_refused_before_anything_moves() {
         (ENCODER, "S1000 M3\nG33 Z-40 K6", "E4322"),
         (ENCODER, "S800 M3\nG76 P8 Z-40 I-1 J0.3 K0.92", "E4322"),
         (ENCODER, "S1000 M3\nG33 Z-2 K1.5", "E4323"),
+        (ENCODER, "S1000 M3\nG33 Z-50 K0.0001", "E4325"),
         (ENCODER, "G61 S600 M3\nG33 Z-20 K1.5\nG33 X5 Z-30 K1.5", "E4324"),
     ] {
         let bench = Bench::new();

@@ -37,9 +37,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         })
     }
 
-    /// Switches the spindle off that the motion follows.
-    pub(super) fn stop_spindle_of_gear(&mut self) {
-        if self.followed.first().is_some_and(|followed| followed.gear.is_engaged()) {
+    /// Handles an alarm: switches the spindle off that the motion follows.
+    pub(super) fn halt_gear(&mut self) {
+        let Some(followed) = self.followed.first_mut() else { return };
+        followed.gear.halt();
+        if followed.gear.is_engaged() {
             self.outputs.set(OutputChange { channel: channel::SPINDLE, value: 0 });
         }
     }

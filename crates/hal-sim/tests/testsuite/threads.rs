@@ -283,6 +283,35 @@ fn the_brake_is_the_spindle_and_a_spindle_at_rest_moves_nothing() {
             assert_eq!(bench.card.status().counts[0], stopped, "turned by hand");
         }
     }
+    // Switched on again at another angle, it does not take the tool along.
+    bench.switch_spindle(1);
+    let alarm = (0..3000).find_map(|_| bench.period().err());
+    assert_eq!(alarm, Some(SimCardError::Alarm(Alarm::ThreadLost)));
+    for _ in 0..3000 {
+        let _ = bench.period();
+    }
+    assert_eq!(bench.card.status().counts[0], stopped, "switched on at another angle");
+}
+
+/// After an alarm that was cleared, a spindle that is switched on moves no axis.
+#[test]
+fn a_stretch_that_an_alarm_has_ended_does_not_go_on() {
+    let mut bench = Bench::new(CASE, STEADY);
+    bench.begin(1);
+    bench.run_into(20.0);
+    bench.card.machine().spindle().expect("a spindle").set_load(-0.6, 300_000);
+    let alarm = (0..2000).find_map(|_| bench.period().err());
+    assert_eq!(alarm, Some(SimCardError::Alarm(Alarm::ThreadLost)));
+    for _ in 0..3000 {
+        let _ = bench.period();
+    }
+    let stopped = bench.card.status().counts[0];
+    bench.card.send(HostCommand::ClearAlarm).expect("its cause is gone");
+    bench.switch_spindle(1);
+    for _ in 0..3000 {
+        bench.period().expect("no alarm");
+        assert_eq!(bench.card.status().counts[0], stopped, "it goes on by itself");
+    }
 }
 
 /// The spindle the other way: the same helix back to the beginning, with a net sum of zero, and forward again.
