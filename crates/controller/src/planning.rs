@@ -67,9 +67,9 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                 Err((why, line)) => break PlanEnd::BlockError(format!("line {line}: {}", why.explain())),
             }
             if let Some(ending) = batch.ending.take() {
-                match self.executor.end_thread(&mut self.plan_writer) {
-                    Err(CanonError::Cancelled) => return None,
-                    Err(why) => break PlanEnd::BlockError(why.explain()),
+                match self.end_thread() {
+                    Err((CanonError::Cancelled, _)) => return None,
+                    Err((why, line)) => break PlanEnd::BlockError(format!("line {line}: {}", why.explain())),
                     Ok(()) => {}
                 }
                 break ending;
@@ -119,6 +119,9 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         let mut first = 0;
         let mut modes = batch.modes.drain(..).peekable();
         for (block, &end) in (0u32..).zip(&batch.ends) {
+            if !self.executor.continues_thread(&batch.steps[first..end as usize]) {
+                self.end_thread()?;
+            }
             if let Some((_, active)) = modes.next_if(|(from, _)| *from == block) {
                 self.plan_writer.set_active_codes(active);
             }
@@ -126,6 +129,7 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
             first = end as usize;
             self.blocks += 1;
             if self.rests.contains(&self.blocks) {
+                self.end_thread()?;
                 self.plan_writer.rest().map_err(|cancelled| (cancelled.into(), 0))?;
             }
         }
@@ -134,15 +138,28 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         self.write_block(&batch.steps[first..])
     }
 
+    /// Gives a thread that was collected to the plan writer, or only records it before the start line. Returns the
+    /// error and the line in which it begins.
+    fn end_thread(&mut self) -> Result<(), (CanonError, u32)> {
+        let line = self.executor.thread_line();
+        let result = match &mut self.skipped {
+            Some((_, before)) => self.executor.end_thread::<A>(before),
+            None => self.executor.end_thread(&mut self.plan_writer),
+        };
+        result.map_err(|why| (why, line))
+    }
+
     /// Gives a block's steps to the plan writer; those before the start line are only recorded.
     fn write_block(&mut self, steps: &[CanonStep]) -> Result<(), (CanonError, u32)> {
         self.plan_writer.begin_block(self.blocks + 1);
         let ends_length = steps.iter().any(|step| self.executor.ends_entered_length(&step.canon));
         self.plan_writer.set_block_has_end(ends_length);
         for step in steps {
-            if self.skipped.as_ref().is_some_and(|(start, before)| before.reaches(*start, step.line))
-                && let Some((_, before)) = self.skipped.take()
-            {
+            let begins = self.skipped.as_ref().is_some_and(|(start, before)| before.reaches(*start, step.line));
+            if begins {
+                self.end_thread()?;
+            }
+            if begins && let Some((_, before)) = self.skipped.take() {
                 let line = step.line;
                 let position = self.executor.position();
                 let restored = before.restore(&mut self.plan_writer, position, self.machine, line);

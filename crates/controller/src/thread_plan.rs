@@ -305,7 +305,7 @@ fn run_in_mm(along_mm: &[f64], step_mm: f64) -> f64 {
     let fastest = along_mm.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     // The ramp's distance grows about with the square of its speed.
     let half = along_mm.last().zip(along_mm.first()).map_or(0.0, |(last, first)| (last - first) / 2.0);
-    half * (step_mm / fastest.max(f64::MIN_POSITIVE)).powi(2)
+    if fastest > 0.0 { half * (step_mm / fastest).powi(2) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use retrace_tests::command::Bench;
 use retrace_tests::pins;
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
+use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
 const ENCODER: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\n";
@@ -89,6 +90,39 @@ fn a_stop_in_a_thread_ends_behind_it() {
     assert_eq!(report(&resumed.out)["position_counts"]["z"], 5_000);
 }
 
+/// A job that begins at a line cuts no thread of the lines before it.
+#[test]
+fn a_start_line_behind_threads_does_not_cut_them() {
+    let program = "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-20 K1.5\nG33 X3 Z-30 K1.5\nG0 X4\nG0 Z5\nM5\nM2\n";
+    // A thread is two instructions: its gear, and the barrier behind it.
+    for (line, instructions) in [("6", 0), ("5", 2), ("4", 2)] {
+        let bench = Bench::new();
+        bench.file("m.toml", ENCODER);
+        bench.file("part.ngc", program);
+        let run = ["run", "part.ngc", "--machine", "m.toml", "--start-line", line, "--json"];
+        let result = bench.retrace(run);
+        assert_eq!(result.code, Some(0), "{line}: {}{}", result.out, result.err);
+        assert_eq!(report(&result.out)["position_counts"]["z"], 5_000, "{line}");
+        assert_eq!(result.out.matches("\"code\":\"G33\",\"event\":\"switching\"").count(), instructions, "{line}");
+    }
+}
+
+/// The screen shows the codes of the thread while it is cut, and not those of the block behind it.
+#[test]
+fn the_screen_shows_the_thread_that_is_cut() {
+    let bench = Bench::new();
+    let machine = bench.file("m.toml", ENCODER).display().to_string();
+    let part = bench.file("part.ngc", THREAD).display().to_string();
+    let state = bench.path("state").display().to_string();
+    let arguments = ["run", &part, "--machine", &machine, "--realtime", "--tui"];
+    let terminal = Terminal::with(&arguments, 100, 30, &[("XDG_STATE_HOME", &state)]);
+    terminal.wait_for_text("READY");
+    terminal.keys("c");
+    let text = terminal.wait_for_text("in a thread");
+    assert!(text.contains("G33 G") && !text.contains("mm/min rapid"), "{text}");
+    terminal.wait_for_text("program completed");
+}
+
 fn report(out: &str) -> Value {
     serde_json::from_str(out.lines().last().unwrap_or_default()).unwrap_or_else(|error| panic!("{error}: {out}"))
 }
@@ -131,7 +165,8 @@ fn a_job_that_was_killed_in_a_thread_is_not_resumed_in_it() {
 /// afterwards, also not a spindle that is turned by hand.
 #[test]
 fn whatever_ends_a_thread_early_leaves_the_spindle_off_and_the_machine_at_rest() {
-    for (event, number) in [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("power off", "")] {
+    let events = [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("power off", "")];
+    for (event, number) in events {
         let bench = Bench::new();
         let stop = "[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
         let machine = bench.file("m.toml", format!("{stop}{ENCODER}")).display().to_string();

@@ -2,7 +2,7 @@
 //!
 //! Invariant: consecutive threads are one stretch; it is complete where anything else follows.
 
-use retrace_gcode::Canon;
+use retrace_gcode::{Canon, CanonStep};
 use retrace_link::{SpindleTask, channel};
 use retrace_motion::PathMode;
 
@@ -62,6 +62,18 @@ impl CanonExecutor<'_> {
             (_, Some(_)) => self.end_thread(sink).err().map(Err),
             (_, None) => None,
         }
+    }
+
+    /// Whether a thread that is being collected may go on in the next block, which has these steps.
+    pub(crate) fn continues_thread(&self, steps: &[CanonStep]) -> bool {
+        let is_neutral = |step: &&CanonStep| !matches!(step.canon, Canon::Comment(_) | Canon::Note(_));
+        let first = steps.iter().find(is_neutral);
+        self.thread.is_none() || first.is_none_or(|step| matches!(step.canon, Canon::StartSpeedFeedSynch { .. }))
+    }
+
+    /// Line in which a thread that is being collected begins; 0 without one.
+    pub(crate) fn thread_line(&self) -> u32 {
+        self.thread.as_ref().and_then(|thread| thread.pieces.first()).map_or(0, |piece| piece.line)
     }
 
     /// What the machine and the program must have.
