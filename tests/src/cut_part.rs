@@ -61,7 +61,7 @@ pub fn machine(kind: MachineKind) -> String {
     text + "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\ncollision = [7]\n\
             start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n"
         + sense
-        + "[card]\nwatchdog_ms = 1000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n"
+        + "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n"
         + if kind.homes { HOME_SWITCHES } else { "" }
 }
 

@@ -9,6 +9,9 @@ pub const SHEET: i64 = -70 * 400;
 /// How the sheet is sensed, unless a test states it otherwise.
 pub const SENSE: &str = "contacts = [7], sheet_mm = -70, float_travel_mm = 1.2";
 
+/// The watchdog of the machine file: it tolerates a computer under load, on a card that is faster than a clock, too.
+pub const PATIENT: &str = "watchdog_ms = 2000";
+
 /// The machine file, with this table `sense`.
 #[must_use]
 pub fn machine(sense: &str) -> String {
@@ -23,6 +26,6 @@ pub fn machine(sense: &str) -> String {
     format!(
         "{x}{y}{z}[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nmaterials = \"materials.toml\"\n\
          ok = {{ input = 5 }}\nstart = {{ start_s = 1.0, retry_s = 0.5 }}\nsense = {{ {sense} }}\n\
-         [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n[card]\nwatchdog_ms = 1000\n"
+         [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n[card]\n{PATIENT}\n"
     )
 }

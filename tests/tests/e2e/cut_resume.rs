@@ -13,7 +13,7 @@ use retrace_tests::served::ServedCard;
 /// Two cuts of 60 mm, 3 s each.
 const PROGRAM: &str = "G21 G90 F1200\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
 const MACHINE: &str = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\n\
-                       start = { start_s = 1.0, retry_s = 0.5, pierce_s = 0.4 }\n[card]\nwatchdog_ms = 1000\n";
+                       start = { start_s = 1.0, retry_s = 0.5, pierce_s = 0.4 }\n[card]\nwatchdog_ms = 2000\n";
 const JUDGED: JudgedMachine = JudgedMachine {
     pulses_per_mm: 1000.0,
     fire: "spindle",

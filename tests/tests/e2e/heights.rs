@@ -10,7 +10,7 @@ use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, assert_steps_are_path_and_layer, samples};
 use retrace_tests::run::Run;
-use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
+use retrace_tests::sensing_torch::{PATIENT, SENSE, SHEET, TOOL_PULSES, machine};
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
@@ -486,7 +486,7 @@ fn a_job_that_begins_near_the_sheet_lifts_the_tool_first() {
     let bench = bench();
     let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
     bench.file("s.op", "at 5s stop\n");
-    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "4"]);
+    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "2"]);
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
     assert_eq!(bench.retrace([&run[..], &["--operator", "s.op"]].concat()).code, Some(4));
     // On metal that is not cut yet.
@@ -509,7 +509,7 @@ fn a_killed_host_leaves_a_job_that_is_cut_at_its_heights() {
     for state in ["sensing", "cutting"] {
         let bench = bench();
         let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
-        let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "4"]);
+        let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "2"]);
         let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
         let mut host = bench.start(&run, Stdio::null(), "killed.txt");
         let told = || std::fs::read_to_string(bench.path("killed.txt")).unwrap_or_default();
@@ -573,7 +573,10 @@ fn the_moves_off_a_cut_end_at_an_emergency_stop_a_killed_host_and_a_lost_link() 
             let (bench, case) = (bench(), format!("{moving}, {cause}"));
             bench.file("part.ngc", &program);
             let with_park = "[manual]\npark_mm = { x = 300, y = 40 }\n";
-            bench.file("m.toml", format!("retract_mm = -10\n{}{with_park}", machine(SENSE)));
+            bench.file(
+                "m.toml",
+                format!("retract_mm = -10\n{}{with_park}", machine(SENSE).replace(PATIENT, "watchdog_ms = 1000")),
+            );
             bench.file("s.op", script);
             let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
             let trace = vcd.display().to_string();

@@ -27,7 +27,7 @@ fn machine() -> String {
     };
     format!(
         "{}{}{}[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nmaterials = \"materials.toml\"\n\
-         ok = {{ input = 5 }}\nstart = {{ start_s = 1.0, retry_s = 0.5 }}\n[card]\nwatchdog_ms = 1000\n",
+         ok = {{ input = 5 }}\nstart = {{ start_s = 1.0, retry_s = 0.5 }}\n[card]\nwatchdog_ms = 2000\n",
         axis("x"),
         axis("y"),
         axis("z")

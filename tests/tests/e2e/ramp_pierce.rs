@@ -11,7 +11,7 @@ use retrace_tests::command::Bench;
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, assert_steps_are_path_and_layer, samples};
 use retrace_tests::run::Run;
-use retrace_tests::sensing_torch::{SENSE, SHEET, machine};
+use retrace_tests::sensing_torch::{PATIENT, SENSE, SHEET, machine};
 use retrace_tests::served::ServedCard;
 
 /// The float switch opens one pulse above the position where it closes.
@@ -213,6 +213,8 @@ fn a_ramp_that_is_interrupted_is_recovered() {
 fn a_ramp_ends_at_an_emergency_stop_a_killed_host_and_a_lost_link() {
     for cause in ["input 13 on", "unplug", "kill"] {
         let bench = bench(&program(M159, "m159 p609\n"), MATERIALS);
+        let text = std::fs::read_to_string(bench.path("m.toml")).expect("a machine file");
+        bench.file("m.toml", text.replace(PATIENT, "watchdog_ms = 1000"));
         let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
         let mut card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "2"]);
         let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
