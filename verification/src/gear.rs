@@ -290,7 +290,7 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the cursor passes the end of the records that are held",
                 file: "crates/core/src/gear.rs",
-                find: "let to = self.within(self.at + moved).min(held.max(self.at)).max(low.min(self.at));",
+                find: "let to = self.within(self.at + moved).min(high.max(self.at)).max(low.min(self.at));",
                 put: "let to = self.within(self.at + moved).max(low.min(self.at));",
                 killer: "gear_limits",
             },

@@ -359,6 +359,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
             | HostCommand::Instruction(_)
             | HostCommand::Repeat(_)
             | HostCommand::ArmProbe(_)
+            | HostCommand::FollowSpindle { on: true }
                 if latched =>
             {
                 Err(CommandRefusal::Alarm)

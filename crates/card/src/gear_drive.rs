@@ -1,11 +1,12 @@
-//! Geared stretches of the card: the wait for the angle, and the motion that follows it (SPN-14 … SPN-16).
+//! Geared stretches of the card: the wait for the angle, and the motion that follows it (SPN-14 … SPN-16, SPN-19,
+//! SPN-21 … SPN-23).
 //!
 //! Invariant: a stretch is entered at rest, on its first place and at its angle, or not at all; while it is engaged no
-//! requested rate moves the cursor.
+//! requested rate moves the cursor: it acts on the spindle, or not at all.
 
 use retrace_core::gear::{Gear, GearRatio};
 use retrace_core::{Distance, Place, Rate, RecordIndex};
-use retrace_link::{Alarm, GearStart, GearState};
+use retrace_link::{Alarm, CommandRefusal, GearStart, GearState, SpindleControl};
 
 use crate::spindle_monitor::SpindleMonitor;
 
@@ -17,7 +18,38 @@ struct GearedStretch {
     ratio: GearRatio,
     /// Direction of the spindle in which it is passed forward: 1 or −1.
     direction: i64,
+    /// Speed of the spindle in thousandths of a revolution per minute, as commanded where the stretch begins.
+    speed: i32,
 }
+
+/// What the spindle does in a stretch in which a rate acts on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum SpindleCourse {
+    /// It turns as where the stretch begins.
+    #[default]
+    Forward,
+    /// It is switched off.
+    Stopped,
+    /// It turns the other way: back to the beginning.
+    Backward,
+    /// It turns the other way behind the turn of a tap.
+    Return,
+}
+
+/// What a stretch that was left leaves to be done before anything moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum BehindStretch {
+    /// Nothing.
+    #[default]
+    Free,
+    /// It was left while the spindle was stopped: it turns again once motion is requested.
+    Stopped,
+    /// The spindle turns again, and its speed is awaited.
+    Turning,
+}
+
+/// Share of a turn by which the spindle may be off where motion begins to follow it by hand (SPN-23): 5°.
+const FOLLOW_SHARE: i64 = 72;
 
 /// State of the gear of a card.
 #[derive(Clone, Debug, Default)]
@@ -26,9 +58,12 @@ pub struct GearDrive {
     engaged: Option<Gear>,
     /// End of the stretch that was passed last.
     passed: Option<RecordIndex>,
+    /// Whether the stretch is a tap that is complete: its records are passed no more.
+    is_complete: bool,
     /// Angle at the end of the last period, as it was foreseen.
     foreseen: Option<i64>,
-    /// Control periods for which the angle was awaited.
+    /// Control periods for which the angle was awaited; while engaged, for which a spindle that is switched on has been
+    /// at rest.
     waited: u32,
     /// Whether the angle is worthless: the cursor brakes on the path.
     brakes: bool,
@@ -36,6 +71,12 @@ pub struct GearDrive {
     is_suspended: bool,
     /// Whether an alarm has ended the stretch: once at rest, the cursor stays where it is.
     is_halted: bool,
+    /// Whether motion follows a spindle that is switched off and turned by hand.
+    follows_by_hand: bool,
+    course: SpindleCourse,
+    /// Whether a tap has turned.
+    has_turned: bool,
+    behind: BehindStretch,
     /// Distance moved in the last period.
     moved: Distance,
     largest_lag: Distance,
@@ -48,6 +89,29 @@ pub struct GearedPeriod {
     pub moved: Distance,
     /// Alarm of the gear.
     pub alarm: Option<Alarm>,
+    /// New values of the spindle's direction and speed.
+    pub spindle: Option<[i32; 2]>,
+}
+
+impl GearedStretch {
+    /// Values of the spindle's direction and speed.
+    fn spindle_values(&self, course: SpindleCourse) -> [i32; 2] {
+        let direction = self.direction as i32;
+        let reverse = (i64::from(self.speed) * i64::from(self.start.reverse_share)) >> 8;
+        match course {
+            SpindleCourse::Forward => [direction, self.speed],
+            SpindleCourse::Stopped => [0, self.speed],
+            SpindleCourse::Backward | SpindleCourse::Return => [-direction, i32::try_from(reverse).unwrap_or(i32::MAX)],
+        }
+    }
+
+    /// Records behind which a tap is reversed.
+    const fn turn(&self) -> Option<u32> {
+        match self.start.control {
+            SpindleControl::Tap(turn) => Some(turn),
+            SpindleControl::None | SpindleControl::Held => None,
+        }
+    }
 }
 
 impl GearDrive {
@@ -58,11 +122,16 @@ impl GearDrive {
             stretch: None,
             engaged: None,
             passed: None,
+            is_complete: false,
             foreseen: None,
             waited: 0,
             brakes: false,
             is_suspended: false,
             is_halted: false,
+            follows_by_hand: false,
+            course: SpindleCourse::Forward,
+            has_turned: false,
+            behind: BehindStretch::Free,
             moved: Distance::ZERO,
             largest_lag: Distance::ZERO,
         }
@@ -71,19 +140,19 @@ impl GearDrive {
     /// Prepares the stretch that begins with this record. Returns false if it does not fit the spindle.
     pub fn arm(&mut self, first: RecordIndex, start: GearStart, spindle: &SpindleMonitor) -> bool {
         let Some(ratio) = spindle.settings().and_then(|settings| start.ratio(settings)) else { return false };
-        let direction = spindle.direction();
+        let (direction, speed) = (spindle.direction(), spindle.commanded().saturating_abs());
         let passed = self.passed;
-        *self = Self { stretch: Some(GearedStretch { first, start, ratio, direction }), passed, ..Self::new() };
+        *self = Self { stretch: Some(GearedStretch { first, start, ratio, direction, speed }), passed, ..Self::new() };
         direction != 0
     }
 
     /// State for reports.
     #[must_use]
-    pub const fn state(&self) -> GearState {
+    pub fn state(&self) -> GearState {
         match (&self.stretch, &self.engaged) {
             (_, Some(_)) => GearState::Engaged,
-            (Some(_), None) => GearState::Waiting,
-            (None, None) => GearState::Off,
+            (Some(of), None) if !self.is_complete && !self.is_passed(of) => GearState::Waiting,
+            (_, None) => GearState::Off,
         }
     }
 
@@ -93,11 +162,47 @@ impl GearDrive {
         u32::try_from(self.largest_lag.units() >> 16).unwrap_or(u32::MAX)
     }
 
-    /// The end of the stretch while it is engaged: the cursor may pass all of its records.
+    /// The end of the stretch while it is engaged and passed forward: the cursor may pass all of its records.
     #[must_use]
     pub fn reach(&self) -> Option<RecordIndex> {
-        self.engaged.as_ref()?;
+        self.engaged.as_ref().filter(|_| !self.goes_back())?;
         self.stretch.map(|of| of.first + of.start.length)
+    }
+
+    /// The beginning of the stretch while it is engaged and passed backward.
+    #[must_use]
+    pub fn reach_behind(&self) -> Option<RecordIndex> {
+        self.engaged.as_ref().filter(|_| self.goes_back())?;
+        self.stretch.map(|of| of.first)
+    }
+
+    /// Whether the cursor moves backward, or will.
+    fn goes_back(&self) -> bool {
+        self.moved < Distance::ZERO || matches!(self.course, SpindleCourse::Backward | SpindleCourse::Return)
+    }
+
+    /// Sets whether motion follows a spindle that is switched off and turned by hand: the angle is where the axes
+    /// stopped, within 5°.
+    ///
+    /// # Errors
+    /// [`CommandRefusal::Unsupported`] if no stretch is engaged, the spindle is switched on or its angle is worthless;
+    /// [`CommandRefusal::InMotion`] if it turns, or was turned further than that.
+    pub fn follow_by_hand(&mut self, on: bool, spindle: &SpindleMonitor) -> Result<(), CommandRefusal> {
+        let (Some(stretch), Some(gear)) = (&self.stretch, &self.engaged) else {
+            return Err(CommandRefusal::Unsupported);
+        };
+        if on {
+            if self.brakes || spindle.direction() != 0 {
+                return Err(CommandRefusal::Unsupported);
+            }
+            let angle = spindle.angle_ahead().unwrap_or(0) * stretch.direction;
+            let is_near = gear.lag_at(angle).abs() <= stretch.ratio.distance(stretch.ratio.turn() / FOLLOW_SHARE);
+            if !(is_near && spindle.is_at_rest()) {
+                return Err(CommandRefusal::InMotion);
+            }
+        }
+        self.follows_by_hand = on;
+        Ok(())
     }
 
     /// Whether the cursor does not move, and the spindle does not turn it.
@@ -108,10 +213,11 @@ impl GearDrive {
     }
 
     /// The end of the stretch that was passed last, before which nothing is passed backward, and the beginning of the
-    /// one that is awaited.
+    /// one that is awaited, or of the tap that is complete.
     #[must_use]
     pub fn barriers(&self) -> [Option<RecordIndex>; 2] {
-        [self.passed, self.stretch.filter(|_| self.engaged.is_none()).map(|of| of.first)]
+        let ahead = self.stretch.filter(|of| self.engaged.is_none() && !self.is_passed(of));
+        [self.passed, ahead.map(|of| of.first)]
     }
 
     /// Whether the record is one of the stretch.
@@ -132,23 +238,28 @@ impl GearDrive {
     }
 
     /// Ends the stretch by an alarm: the cursor follows the spindle until both rest, and moves no more.
-    pub const fn halt(&mut self) {
-        self.is_halted = true;
+    pub fn halt(&mut self) {
+        (self.is_halted, self.behind) = (true, BehindStretch::Free);
+        self.forget_passed();
     }
 
-    /// Runs one control period with the cursor at `from`. `may_start`: motion forward is requested and nothing else
-    /// holds it. `[low, high]`: the records that are held. `change`: maximum change of the rate where the records use
-    /// this share of the axes' acceleration, in units of 2⁻¹⁶. Returns `None` where no stretch has the cursor.
+    /// Runs one control period with the cursor at `from`. `request`: sign of the requested rate; 1 only where nothing
+    /// else holds motion forward. `[low, high]`: the records that are held. `change`: maximum change of the rate where
+    /// the records use this share of the axes' acceleration, in units of 2⁻¹⁶. Returns `None` where no stretch has the
+    /// cursor.
     pub fn run_period(
         &mut self,
         from: Place,
-        may_start: bool,
+        request: i64,
         [low, high]: [RecordIndex; 2],
         change: impl Fn(u16) -> Rate,
         spindle: &SpindleMonitor,
     ) -> Option<GearedPeriod> {
-        let stretch = self.stretch?;
-        if self.engaged.is_none() && (from != Place::start_of(stretch.first) || !may_start) {
+        if let Some(period) = self.turn_again(request, spindle) {
+            return Some(period);
+        }
+        let stretch = self.stretch.filter(|_| !self.is_complete)?;
+        if self.engaged.is_none() && (from != Place::start_of(stretch.first) || request <= 0) {
             (self.foreseen, self.waited) = (None, 0);
             return None;
         }
@@ -159,20 +270,27 @@ impl GearDrive {
             let alarm = self.wait(&stretch, held[1], [before, angle], spindle);
             if self.engaged.is_none() {
                 self.moved = Distance::ZERO;
-                return Some(GearedPeriod { moved: Distance::ZERO, alarm });
+                return Some(GearedPeriod { moved: Distance::ZERO, alarm, spindle: None });
             }
         }
+        let before = self.course;
+        self.course = self.next_course(&stretch, request, spindle);
+        let changed = (self.course != before).then(|| stretch.spindle_values(self.course));
         let is_on = spindle.direction() != 0;
+        let timeout = spindle.settings().map_or(0, |of| of.timeout_periods);
+        let reversal = spindle.reversal_periods();
         let gear = self.engaged.as_mut()?;
         // A spindle that was turned by hand does not take the cursor along when it is switched on again.
-        let lag = stretch.ratio.distance(angle.saturating_sub(gear.anchor())) - gear.at();
-        let is_away = lag.abs() > stretch.start.limits.tolerance;
-        let rests = !is_on && self.moved == Distance::ZERO && spindle.is_at_rest();
-        self.is_suspended = rests || self.is_suspended && (!is_on || is_away || self.is_halted);
+        let is_away = gear.lag_at(angle).abs() > stretch.start.limits.tolerance;
+        let rests = self.moved == Distance::ZERO && spindle.is_at_rest();
+        let stays = self.is_suspended && (!is_on || is_away || self.is_halted);
+        self.is_suspended = !self.follows_by_hand && (rests && !is_on || stays);
+        self.waited = if is_on && rests { self.waited.saturating_add(1) } else { 0 };
         if self.is_suspended && !self.brakes {
             self.moved = Distance::ZERO;
             let is_lost = is_on && is_away && !self.is_halted;
-            return Some(GearedPeriod { moved: Distance::ZERO, alarm: is_lost.then_some(Alarm::ThreadLost) });
+            let alarm = is_lost.then_some(Alarm::ThreadLost);
+            return Some(GearedPeriod { moved: Distance::ZERO, alarm, spindle: changed });
         }
         let was_engaged = !self.brakes;
         let change = change(if gear.is_near_end() { stretch.start.ramp_share } else { 0 });
@@ -183,16 +301,102 @@ impl GearDrive {
             Some(alarm) if was_engaged => Some(alarm),
             _ if step.is_lost && spindle.seems_dead() => Some(Alarm::EncoderFailed),
             _ if step.is_lost => Some(Alarm::ThreadLost),
+            // The records behind the turn of a tap are all that its spindle may need to reverse.
+            _ if stretch.turn().is_some() && gear.has_passed_end() => Some(Alarm::ThreadLost),
+            // Where a tap reverses its spindle, standstill is short.
+            _ if self.course == SpindleCourse::Return && self.waited > reversal => Some(Alarm::EncoderFailed),
+            _ if self.waited > timeout => Some(Alarm::NotAtSpeed),
             _ => None,
         };
         self.brakes |= alarm == Some(Alarm::EncoderFailed);
-        if gear.has_passed_end() {
-            (self.engaged, self.stretch) = (None, None);
-            self.passed = Some(stretch.first + stretch.start.length);
-        } else if gear.has_passed_beginning() {
-            self.engaged = None;
+        self.has_turned |= stretch.turn().is_some_and(|turn| gear.at() >= Distance::records(i64::from(turn)));
+        let has_passed = (gear.has_passed_beginning(), gear.has_passed_end() && stretch.turn().is_none());
+        let spindle = self.leave(&stretch, has_passed).or(changed);
+        Some(GearedPeriod { moved: step.moved, alarm, spindle })
+    }
+
+    /// Leaves the stretch whose beginning or end is passed. Returns values of the spindle, which turns behind it as
+    /// before.
+    fn leave(&mut self, stretch: &GearedStretch, passed: (bool, bool)) -> Option<[i32; 2]> {
+        match passed {
+            (false, false) => return None,
+            (_, true) => {
+                self.engaged = None;
+                self.passed = Some(stretch.first + stretch.start.length);
+            }
+            // It can be passed again, unless it is a tap that is complete.
+            (true, false) => {
+                self.engaged = None;
+                self.is_complete = self.has_turned;
+            }
         }
-        Some(GearedPeriod { moved: step.moved, alarm })
+        self.follows_by_hand = false;
+        let forward = stretch.spindle_values(SpindleCourse::Forward);
+        let course = core::mem::take(&mut self.course);
+        if course == SpindleCourse::Stopped && !self.is_halted {
+            self.behind = BehindStretch::Stopped;
+        }
+        self.forget_passed();
+        let is_reversed = matches!(course, SpindleCourse::Backward | SpindleCourse::Return);
+        (is_reversed && !self.is_halted).then_some(forward)
+    }
+
+    /// Switches the spindle on again behind a stretch that was left while it was stopped, once motion is requested, and
+    /// awaits its speed. `None`: there is nothing to await.
+    fn turn_again(&mut self, request: i64, spindle: &SpindleMonitor) -> Option<GearedPeriod> {
+        let still = |alarm, spindle| Some(GearedPeriod { moved: Distance::ZERO, alarm, spindle });
+        match self.behind {
+            BehindStretch::Free => None,
+            BehindStretch::Stopped if request == 0 => still(None, None),
+            BehindStretch::Stopped => {
+                (self.behind, self.waited) = (BehindStretch::Turning, 0);
+                still(None, self.stretch.map(|of| of.spindle_values(SpindleCourse::Forward)))
+            }
+            BehindStretch::Turning if spindle.is_at_speed() => {
+                self.behind = BehindStretch::Free;
+                self.forget_passed();
+                None
+            }
+            BehindStretch::Turning => {
+                self.waited = self.waited.saturating_add(1);
+                let is_late = self.waited > spindle.settings().map_or(0, |of| of.timeout_periods);
+                still(is_late.then_some(Alarm::NotAtSpeed), None)
+            }
+        }
+    }
+
+    /// Whether the stretch was passed to its end.
+    fn is_passed(&self, stretch: &GearedStretch) -> bool {
+        self.passed == Some(stretch.first + stretch.start.length)
+    }
+
+    /// Forgets a stretch that was passed to its end, unless its spindle is to turn again.
+    fn forget_passed(&mut self) {
+        if self.behind == BehindStretch::Free {
+            self.stretch = self.stretch.filter(|of| !self.is_passed(of));
+        }
+    }
+
+    /// What the spindle is to do now: it comes to rest between two directions, but for the turn of a tap.
+    fn next_course(&self, stretch: &GearedStretch, request: i64, spindle: &SpindleMonitor) -> SpindleCourse {
+        if self.is_halted {
+            return SpindleCourse::Stopped;
+        }
+        if stretch.start.control == SpindleControl::None {
+            return SpindleCourse::Forward;
+        }
+        let wanted = match (request, self.has_turned) {
+            (1, false) => SpindleCourse::Forward,
+            (1, true) => SpindleCourse::Return,
+            (-1, false) if stretch.start.reverse_share > 0 => SpindleCourse::Backward,
+            _ => SpindleCourse::Stopped,
+        };
+        match self.course {
+            course if course == wanted => course,
+            SpindleCourse::Forward if wanted == SpindleCourse::Return => wanted,
+            SpindleCourse::Stopped if self.moved == Distance::ZERO && spindle.is_at_rest() => wanted,
+            _ => SpindleCourse::Stopped,
+        }
     }
 
     /// Waits for the angle at which the stretch begins, and engages it there.
@@ -205,7 +409,8 @@ impl GearDrive {
     ) -> Option<Alarm> {
         let GearStart { length, ahead, limits, start_angle, .. } = stretch.start;
         self.waited = self.waited.saturating_add(1);
-        let is_ready = held >= ahead.min(length) && spindle.is_at_speed() && spindle.direction() == stretch.direction;
+        let is_ready =
+            held >= u32::from(ahead).min(length) && spindle.is_at_speed() && spindle.direction() == stretch.direction;
         if let Some(zero) = spindle.zero_angle().filter(|_| is_ready) {
             let turn = stretch.ratio.turn();
             let start = zero * stretch.direction + ((i64::from(start_angle) * turn) >> 32);

@@ -311,6 +311,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             HostCommand::Restart { last } => self.block_until_repeated(last),
             HostCommand::Repeat(repeated) => self.repeat_instruction(repeated)?,
             HostCommand::ArmProbe(arming) => self.arm_probe(arming)?,
+            HostCommand::FollowSpindle { on } => self.follow_by_hand(on)?,
         }
         self.update_status();
         Ok(())
@@ -401,7 +402,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Returns the furthest place behind that the cursor is at or cannot avoid reaching.
     fn stopping_place_behind(&self) -> Place {
-        self.status.place.moved(self.drive.stopping_distance().min(Distance::ZERO))
+        match self.followed.first().and_then(|followed| followed.gear.reach_behind()) {
+            Some(beginning) => Place::start_of(beginning),
+            None => self.status.place.moved(self.drive.stopping_distance().min(Distance::ZERO)),
+        }
     }
 
     /// Runs one control period. While an instruction is executed the machine is at rest.
@@ -441,7 +445,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             None => {}
         }
         self.release_block();
-        let step = match self.run_gear(from, wanted > Rate::ZERO && !turns) {
+        let step = match self.run_gear(from, if turns { 0 } else { wanted.signum() }) {
             Some((step, fault)) => {
                 alarm = alarm.or(fault);
                 step

@@ -128,6 +128,18 @@ impl SpindleMonitor {
         self.watched.as_ref().map_or(0, |of| i64::from(of.commanded.signum()))
     }
 
+    /// Commanded speed in thousandths of a revolution per minute, signed.
+    #[must_use]
+    pub fn commanded(&self) -> i32 {
+        self.watched.as_ref().map_or(0, |of| of.commanded)
+    }
+
+    /// Control periods for which a spindle that is being reversed may show no count.
+    #[must_use]
+    pub fn reversal_periods(&self) -> u32 {
+        self.watched.as_ref().map_or(0, |of| MOST_SILENT_US as u32 / of.period_us.max(1))
+    }
+
     /// Angle of the first index, in units of [`retrace_core::gear::UNITS_PER_COUNT`]; `None` before it was seen.
     #[must_use]
     pub fn zero_angle(&self) -> Option<i64> {

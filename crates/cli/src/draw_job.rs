@@ -100,6 +100,7 @@ impl<'r> HistoryBuilder<'r> {
                 | JournalEntry::Rest(_)
                 | JournalEntry::ToolLength(_)
                 | JournalEntry::Answer(_)
+                | JournalEntry::Tap(_)
                 | JournalEntry::Spooled(_)
                 | JournalEntry::End(_) => {}
             }

@@ -394,7 +394,7 @@ impl ResumeStep<'_> {
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();
-        let answers = self.record.answers().to_vec();
+        let (answers, tap) = (self.record.answers().to_vec(), self.record.tap());
         let cut_ends = self.cut_ends();
         let (origin, executed) = (job.origin, job.executed);
         let began_within = journaled_job::start_point(&job.arguments);
@@ -412,6 +412,7 @@ impl ResumeStep<'_> {
             rests,
             lengths,
             answers,
+            tap,
             cut_ends,
             cut,
             begun_start,

@@ -70,6 +70,24 @@ pub(crate) struct SpindleSection {
     thread_margin_percent: f64,
     /// Largest lag behind the spindle in a thread, mm along the path, 0.001 … 1.
     thread_tolerance_mm: f64,
+    /// How G74 and G84 tap. G33.1 is always rigid.
+    tapping: Tapping,
+    /// Whether the drive can reverse the spindle, which rigid tapping needs.
+    reversible: bool,
+    /// Turns of the spindle in a tap from the command to reverse it until it stands, at `max_rpm`, 0 … 100. They
+    /// grow with the square of the speed. With 0 it is reversed at the depth, and turns behind it.
+    reversal_turns: f64,
+}
+
+/// How G74 and G84 tap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Tapping {
+    /// In a floating holder: down and up at the programmed feed.
+    #[default]
+    Floating,
+    /// In a rigid holder: the tap follows the spindle, as with G33.1.
+    Rigid,
 }
 
 impl Default for SpindleSection {
@@ -89,6 +107,9 @@ impl Default for SpindleSection {
             at_speed_timeout_s: 10.0,
             thread_margin_percent: 25.0,
             thread_tolerance_mm: 0.02,
+            tapping: Tapping::Floating,
+            reversible: true,
+            reversal_turns: 0.0,
         }
     }
 }
@@ -102,6 +123,12 @@ pub struct EncoderConfig {
     pub thread_margin: f64,
     /// Largest lag in a thread, mm along the path.
     pub thread_tolerance_mm: f64,
+    /// Whether the drive can reverse the spindle.
+    pub is_reversible: bool,
+    /// Turns from the command to reverse the spindle until it stands, at its highest speed.
+    pub reversal_turns: f64,
+    /// Whether G74 and G84 tap rigidly.
+    pub is_tapping_rigid: bool,
 }
 
 impl SpindleSection {
@@ -112,6 +139,7 @@ impl SpindleSection {
         within("spindle.at_speed_timeout_s", self.at_speed_timeout_s, 0.1, 600.0)?;
         within("spindle.thread_margin_percent", self.thread_margin_percent, 0.0, 200.0)?;
         within("spindle.thread_tolerance_mm", self.thread_tolerance_mm, 0.001, 1.0)?;
+        within("spindle.reversal_turns", self.reversal_turns, 0.0, 100.0)?;
         let Some(counts_per_turn) = self.counts_per_turn else { return Ok(None) };
         let most = f64::from(retrace_core::gear::MAX_COUNTS_PER_TURN);
         within("spindle.counts_per_turn", f64::from(counts_per_turn), 4.0, most)?;
@@ -130,7 +158,14 @@ impl SpindleSection {
             highest_speed: (max_rpm * 1000.0) as u32,
         };
         let thread_margin = 1.0 + self.thread_margin_percent / 100.0;
-        Ok(Some(EncoderConfig { settings, thread_margin, thread_tolerance_mm: self.thread_tolerance_mm }))
+        Ok(Some(EncoderConfig {
+            settings,
+            thread_margin,
+            thread_tolerance_mm: self.thread_tolerance_mm,
+            is_reversible: self.reversible,
+            reversal_turns: self.reversal_turns,
+            is_tapping_rigid: self.tapping == Tapping::Rigid,
+        }))
     }
 }
 

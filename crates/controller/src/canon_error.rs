@@ -161,6 +161,9 @@ impl CanonError {
             Self::Thread(error @ ThreadError::TooLong { .. }, _) => {
                 ("E4325", error.to_string(), "K is the distance in a turn of the spindle: check it, and S")
             }
+            Self::Thread(error @ ThreadError::NotReversible, _) => {
+                ("E4326", error.to_string(), "reversible = true in [spindle], if its drive can reverse it")
+            }
             Self::Thread(error @ (ThreadError::NoSpeed | ThreadError::Move(_)), _) => {
                 ("E4321", error.to_string(), "a higher S; a thread is planned for the commanded speed")
             }

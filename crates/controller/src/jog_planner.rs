@@ -17,11 +17,12 @@ use crate::approach::approach;
 pub(crate) use crate::jog_mailbox::JogStatus;
 use crate::jog_mailbox::{JogPlannerGone, JogReply, JogRequester, JogResponder, jog_mailbox};
 use crate::probe_move::ProbeMove;
+use crate::tap_move::{MAX_TAP_RECORDS, TapMove};
 
 /// Offset in records between the places of manual moves and those of the job that they interrupt.
 pub const MANUAL_PLACE_OFFSET: u32 = 1 << 30;
 
-/// Number of records of a move that are retained behind the cursor: manual moves are not reversed.
+/// Number of records of a move that are retained behind the cursor: manual moves are not reversed, but for taps.
 const HISTORY_RECORDS: u32 = 64;
 
 /// A request to the planning thread.
@@ -33,6 +34,8 @@ pub(crate) enum JogRequest<const A: usize> {
     Approach { from: [i64; A], to: [i64; A] },
     /// A probing move, at its feed.
     Probe(ProbeMove),
+    /// A rigid tap: the way in, and what the spindle may turn further.
+    Tap(TapMove),
     /// Determine which program would be read now.
     Identify,
 }
@@ -48,9 +51,10 @@ pub(crate) fn ring<const A: usize>(
     machine: &MachineConfig,
     start: RecordIndex,
 ) -> Result<Ring<Box<[Cell<Record<A>>]>>, RingError> {
-    let cells = ring_cells(HISTORY_RECORDS, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
+    let history = if machine.encoder.is_some() { MAX_TAP_RECORDS } else { HISTORY_RECORDS };
+    let cells = ring_cells(history, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
-    Ring::new(cells, HISTORY_RECORDS, machine.look_ahead_records, start)
+    Ring::new(cells, history, machine.look_ahead_records, start)
 }
 
 /// Creates the two ends of the jog planner over the two ends of a ring.
@@ -126,6 +130,11 @@ impl<const A: usize> JogWorker<'_, A> {
                     push(&mut ring, reply, Record { flags, ..record })?;
                 }
                 Ok(())
+            }
+            JogRequest::Tap(tap) => {
+                let encoder = machine.encoder.ok_or(JogPlannerGone)?;
+                let plan = tap.plan::<A>(machine, &encoder).map_err(|_| JogPlannerGone)?;
+                plan.records.into_iter().try_for_each(|record| push(&mut ring, reply, record))
             }
             JogRequest::Identify => {
                 reply.set_program(identify());

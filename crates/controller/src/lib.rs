@@ -70,6 +70,7 @@ mod soft_limits;
 mod spline;
 mod start_line;
 mod sync;
+mod tap_move;
 mod tape;
 mod telemetry;
 mod thread_plan;

@@ -14,6 +14,7 @@ use crate::contour_list::ContourList;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::soft_limits::{LimitFinding, extremes};
+use crate::tap_move::RigidTap;
 use crate::thread_plan::ThreadStretch;
 
 /// Checks every move of a program.
@@ -221,6 +222,16 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
             let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
             self.straight(piece.end_mm, feed, piece.mode, piece.line)
         })
+    }
+
+    fn tap(&mut self, tap: &RigidTap<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        let feed = FeedRate::PerSecond(tap.pitch_mm * tap.rpm / 60.0);
+        self.straight(tap.depth_mm, feed, PathMode::ExactStop, tap.line)?;
+        self.straight(tap.from_mm, feed, PathMode::ExactStop, tap.line)?;
+        if !has_unknown(&tap.from_mm) && !has_unknown(&tap.depth_mm) && !tap.rpm.is_nan() {
+            tap.plan(self.machine, encoder).map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
+        }
+        Ok(())
     }
 
     fn unknown_motion(&mut self, end_mm: [f64; A], line: u32) {

@@ -5,7 +5,10 @@
 //! the counts.
 
 use retrace_core::{Place, Rate, RecordIndex};
-use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch};
+use retrace_link::{
+    CardStatus, GearStart, GearState, HostCommand, Instruction, MotionCard, PathStart, ProbeArming, ProbeLatch,
+    SpindleTask,
+};
 use std::thread;
 use std::time::Duration;
 
@@ -29,10 +32,20 @@ pub(crate) struct ManualMove {
     rest_periods: u32,
     /// Whether the card has begun an epoch for it.
     off_path: bool,
-    /// The probe's latch, of a probing move.
-    arming: Option<ProbeArming>,
+    /// What the card needs before anything moves.
+    arming: Arming,
     /// Whether it is held.
     is_held: bool,
+}
+
+/// What the card needs before anything moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Arming {
+    None,
+    /// The probe's latch, of a probing move.
+    Probe(ProbeArming),
+    /// The gear, of a rigid tap.
+    Tap(GearStart),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,7 +90,7 @@ impl ManualMove {
             wall_time,
             rest_periods: 0,
             off_path: false,
-            arming: None,
+            arming: Arming::None,
             is_held: false,
         }
     }
@@ -85,12 +98,27 @@ impl ManualMove {
     /// Makes it a probing move: the probe's latch is armed before anything moves, and the move also ends at rest behind
     /// the touch.
     pub(crate) fn probing(self, arming: ProbeArming) -> Self {
-        Self { arming: Some(arming), ..self }
+        Self { arming: Arming::Probe(arming), ..self }
+    }
+
+    /// Makes it a rigid tap: its records follow the spindle, and it ends where it began.
+    pub(crate) fn tapping(self, gear: GearStart) -> Self {
+        Self { arming: Arming::Tap(gear), ..self }
+    }
+
+    /// Place at which it begins.
+    pub(crate) const fn start(&self) -> RecordIndex {
+        self.start
     }
 
     /// Holds the move, or lets it go on.
     pub(crate) fn hold(&mut self, is_held: bool) {
         self.is_held = is_held;
+    }
+
+    /// Whether it is held.
+    pub(crate) const fn is_held(&self) -> bool {
+        self.is_held
     }
 
     /// Whether the card has begun an epoch for it.
@@ -117,7 +145,7 @@ impl ManualMove {
         if self.state == ManualMoveState::Planned && self.is_planned(jog_planner, self.start) {
             let is_empty = jog_planner.is_done() && jog_planner.ring.write() == self.start;
             // A probing move without a way asks for the state of the probe.
-            if is_empty && (self.arming.is_none() || jog_planner.has_failed()) {
+            if is_empty && (self.arming == Arming::None || jog_planner.has_failed()) {
                 self.state = ManualMoveState::Ended(if jog_planner.has_failed() {
                     ManualMoveEnd::NotPlanned
                 } else {
@@ -127,21 +155,23 @@ impl ManualMove {
                 let start = PathStart { executed: self.executed, ..PathStart::at(self.start) };
                 card.begin_path(start)?;
                 self.off_path = true;
-                self.state = ManualMoveState::Moving { sent: Rate::ZERO, is_armed: self.arming.is_none() };
+                self.state = ManualMoveState::Moving { sent: Rate::ZERO, is_armed: self.arming == Arming::None };
             }
         }
         if let ManualMoveState::Moving { mut sent, mut is_armed } = self.state {
-            self.fill(jog_planner, card);
-            if let Some(arming) = self.arming.filter(|_| !is_armed) {
-                is_armed = card.send(HostCommand::ArmProbe(arming)).is_ok();
+            // The card takes records of a tap once it has its gear.
+            let is_geared = card.status().executed == self.executed.wrapping_add(1);
+            if !matches!(self.arming, Arming::Tap(_)) || is_geared {
+                self.fill(jog_planner, card);
             }
-            let is_ready = self.arming.is_none() || card.status().probe != ProbeLatch::Idle;
+            is_armed = is_armed || self.arm(card);
+            let is_ready = match self.arming {
+                Arming::None => self.may_move(jog_planner, card),
+                Arming::Probe(_) => card.status().probe != ProbeLatch::Idle && self.may_move(jog_planner, card),
+                Arming::Tap(_) => is_armed,
+            };
             let wanted = if self.is_held { Rate::ZERO } else { Rate::ONE };
-            if sent != wanted
-                && is_ready
-                && self.may_move(jog_planner, card)
-                && card.send(HostCommand::rate(wanted)).is_ok()
-            {
+            if sent != wanted && is_ready && card.send(HostCommand::rate(wanted)).is_ok() {
                 sent = wanted;
             }
             self.state = ManualMoveState::Moving { sent, is_armed };
@@ -163,12 +193,39 @@ impl ManualMove {
         })
     }
 
+    /// Gives the card what it needs before anything moves. Returns whether it was taken.
+    fn arm<const A: usize, C: MotionCard<A>>(&self, card: &mut C) -> bool {
+        match self.arming {
+            Arming::None => true,
+            Arming::Probe(arming) => card.send(HostCommand::ArmProbe(arming)).is_ok(),
+            Arming::Tap(gear) => {
+                let (number, spindle) = (self.executed.wrapping_add(1), Some(SpindleTask::Gear(gear)));
+                let instruction = Instruction { number, place: self.start, spindle, ..Instruction::default() };
+                card.send(HostCommand::Instruction(instruction)).is_ok()
+            }
+        }
+    }
+
     /// Whether the move is at rest at its end. A probing move is as well behind its touch, and stays for as long as a
     /// report of the touch may be late.
     fn has_ended<const A: usize>(&mut self, jog_planner: &mut JogPlanner<'_, A>, status: &CardStatus<A>) -> bool {
         let is_at_end = jog_planner.is_done() && status.place == Place::start_of(jog_planner.ring.write());
-        if self.arming.is_none() {
-            return is_at_end && status.at_rest;
+        match self.arming {
+            Arming::None => return is_at_end && status.at_rest,
+            Arming::Probe(_) => {}
+            Arming::Tap(_) => {
+                // Back where it began, and no gear has the cursor any more.
+                let is_over = status.executed == self.executed.wrapping_add(1)
+                    && status.spindle.gear == GearState::Off
+                    && status.place == Place::start_of(self.start);
+                if is_over {
+                    // What was planned for turning further is not needed.
+                    self.cancel(jog_planner);
+                }
+                self.rest_periods = if is_over && status.at_rest { self.rest_periods + 1 } else { 0 };
+                return jog_planner.is_done()
+                    && self.rest_periods > if self.wall_time { REPORT_LATENCY_PERIODS } else { 1 };
+            }
         }
         let has_touched = matches!(status.probe, ProbeLatch::Touched(_));
         if has_touched {
@@ -218,12 +275,27 @@ impl ManualMove {
         jog_planner.ring.seek(card.status().place.record);
         self.is_planned(jog_planner, card.status().place.record);
         let end = jog_planner.ring.write();
+        if card.status().rate < Rate::ZERO {
+            self.fill_behind(jog_planner, card);
+            return;
+        }
         let mut place = card.status().high;
         while place.is_before(end)
             && let Some(record) = jog_planner.ring.record(place)
             && card.send(HostCommand::Ahead { place, record }).is_ok()
         {
             place += 1;
+        }
+    }
+
+    /// Sends the records behind of a tap on its way back.
+    fn fill_behind<const A: usize, C: MotionCard<A>>(&self, jog_planner: &JogPlanner<'_, A>, card: &mut C) {
+        let mut place = card.status().low;
+        while self.start.is_before(place)
+            && let Some(record) = jog_planner.ring.record(place - 1)
+            && card.send(HostCommand::Behind { place: place - 1, record, rests: place - 1 == self.start }).is_ok()
+        {
+            place -= 1;
         }
     }
 

@@ -30,6 +30,7 @@ pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
         position: position(machine),
         fixed_values: named_figures(machine),
         calls_tool_change: machine.manual_tool_change.is_subprogram(),
+        rigid_tapping: machine.encoder.is_some_and(|encoder| encoder.is_tapping_rigid),
         ..Setup::default()
     }
 }

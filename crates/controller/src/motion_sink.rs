@@ -10,6 +10,7 @@ use retrace_motion::{Arc, FeedRate, PathMode};
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
+use crate::tap_move::RigidTap;
 use crate::thread_plan::ThreadStretch;
 
 /// Receives a program's moves and switching, in machine coordinates and mm.
@@ -91,6 +92,16 @@ pub trait MotionSink<const A: usize> {
         Ok(())
     }
 
+    /// A rigid tap to a depth and back, with rest before and behind it (SPN-19).
+    ///
+    /// # Errors
+    /// The machine cannot tap there.
+    fn tap(&mut self, tap: &RigidTap<A>, _: &EncoderConfig) -> Result<(), PlanWriteError> {
+        let feed = FeedRate::PerSecond(tap.pitch_mm * tap.rpm / 60.0);
+        self.straight(tap.depth_mm, feed, PathMode::ExactStop, tap.line)?;
+        self.straight(tap.from_mm, feed, PathMode::ExactStop, tap.line)
+    }
+
     /// Whether the feed of the moves to come is per turn of the spindle and follows its measured speed (SPN-8).
     fn set_feed_per_turn(&mut self, _is_per_turn: bool) {}
 
@@ -151,6 +162,10 @@ impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
 
     fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
         PlanWriter::thread(self, stretch, encoder)
+    }
+
+    fn tap(&mut self, tap: &RigidTap<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        PlanWriter::tap(self, tap, encoder)
     }
 
     fn set_feed_per_turn(&mut self, is_per_turn: bool) {

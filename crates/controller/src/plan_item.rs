@@ -23,8 +23,8 @@ pub enum ExclusiveKind {
     OptionalStop,
     /// A manual tool change (M6): waits for cycle start.
     ToolChange,
-    /// A probing move (G38) that is not answered yet.
-    Probe,
+    /// A probing move (G38) or a rigid tap that is not answered yet: the machine moves off the path.
+    OffPath,
     /// A wait for an input (M66) that is not answered yet.
     Input,
 }
@@ -56,7 +56,7 @@ pub struct ExclusiveInstruction {
     pub restart_pierce: u32,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
-    /// The question, of [`ExclusiveKind::Probe`] and [`ExclusiveKind::Input`].
+    /// The question, of [`ExclusiveKind::OffPath`] and [`ExclusiveKind::Input`].
     pub question: Option<Box<Question>>,
     /// What it waits for at the spindle.
     pub spindle: Option<SpindleTask>,

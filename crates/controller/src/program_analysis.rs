@@ -25,6 +25,7 @@ use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::planned_path::{PathRecorder, PlannedPath};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
+use crate::tap_move::RigidTap;
 use crate::thread_plan::ThreadStretch;
 
 /// Least and greatest of the observed values.
@@ -341,7 +342,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             ExclusiveKind::Dwell => self.dwell_periods += periods,
             ExclusiveKind::Switch => self.switch_periods += periods,
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
-            ExclusiveKind::OptionalStop | ExclusiveKind::Probe | ExclusiveKind::Input => {}
+            ExclusiveKind::OptionalStop | ExclusiveKind::OffPath | ExclusiveKind::Input => {}
         }
         let lights = switch.changes.iter().any(|change| self.scan.contours.is_open(change.channel));
         if self.is_piercing && (lights || switch.kind == ExclusiveKind::Dwell && switch.code == "G4") {
@@ -393,6 +394,22 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         }
         self.rest();
         self.barriers.insert(BarrierLine { line: stretch.line(), code: "G33" });
+        Ok(())
+    }
+
+    fn tap(&mut self, tap: &RigidTap<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        self.rest();
+        if !has_unknown(&tap.from_mm) && !has_unknown(&tap.depth_mm) && !tap.rpm.is_nan() {
+            let plan = tap.plan(self.scan.machine(), encoder);
+            let plan = plan.map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
+            // What is behind the depth is for the reversal.
+            let longest = self.threads.entry(tap.line).or_default();
+            longest[0] = longest[0].max(plan.run_mm[0]);
+        }
+        let feed = FeedRate::PerSecond(tap.pitch_mm * tap.rpm / 60.0);
+        self.straight(tap.depth_mm, feed, PathMode::ExactStop, tap.line)?;
+        self.straight(tap.from_mm, feed, PathMode::ExactStop, tap.line)?;
+        self.rest();
         Ok(())
     }
 

@@ -5,6 +5,7 @@
 use retrace_gcode::WaitFor;
 
 use crate::probe_move::{ProbeMove, ProbeResult};
+use crate::tap_move::TapQuestion;
 
 /// A question to the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,6 +14,8 @@ pub enum Question {
     Probe(ProbeMove),
     /// When does an input change, or what is its level?
     Input(InputQuestion),
+    /// Tap, and come back.
+    Tap(TapQuestion),
 }
 
 /// A wait for an input (M66).
@@ -33,6 +36,7 @@ impl Question {
         match self {
             Self::Probe(question) => question.code(),
             Self::Input(_) => "M66",
+            Self::Tap(_) => "rigid tap",
         }
     }
 }

@@ -16,7 +16,7 @@ use retrace_core::place::number_is_before;
 use retrace_core::playback::partial_increment;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
-use retrace_journal::{LengthChange, MarkDifference, PlaceMark, ProgramAnswer, RecordRanges};
+use retrace_journal::{LengthChange, MarkDifference, PlaceMark, ProgramAnswer, RecordRanges, TapBegin};
 use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, SpindleTask, channel};
 
 use crate::approach::approach;
@@ -48,6 +48,8 @@ pub struct ResumePoint {
     pub lengths: Vec<LengthChange>,
     /// Answers of the machine to the program, in order.
     pub answers: Vec<ProgramAnswer>,
+    /// The last rigid tap, unless it is complete.
+    pub tap: Option<TapBegin>,
     /// Places up to which cutters have certainly cut.
     pub cut_ends: Vec<ResumedCutEnd>,
     /// What was cut of the path (CUT-26).
@@ -89,6 +91,7 @@ impl ResumePoint {
             rests: Vec::new(),
             lengths: Vec::new(),
             answers: Vec::new(),
+            tap: None,
             cut_ends: Vec::new(),
             cut: RecordRanges::default(),
             begun_start: None,
@@ -410,6 +413,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
                 && left.is_before(end)
             {
                 return Err(ResumeError::InThread { line });
+            }
+            if let Some(tap) = self.at.tap.filter(|tap| tap.place == left.number()) {
+                return Err(ResumeError::InThread { line: tap.line });
             }
             return Ok(true);
         }

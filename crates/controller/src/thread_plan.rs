@@ -9,7 +9,7 @@
 use retrace_config::{EncoderConfig, MachineConfig};
 use retrace_core::gear::GearLimits;
 use retrace_core::{Distance, Flags, Rate, Record};
-use retrace_link::GearStart;
+use retrace_link::{GearStart, SpindleControl};
 use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 /// Share of the plan's acceleration and jerk that a thread uses. The rest is for what the spindle does.
@@ -54,6 +54,28 @@ pub struct ThreadPlan<const A: usize> {
     pub gear: GearStart,
     /// Distances at the beginning and at the end in which the path is not at its full pitch, mm.
     pub run_mm: [f64; 2],
+    /// Distance along the longest piece before the first record, and behind each, mm.
+    along_mm: Vec<f64>,
+    /// Places between which the path is at its full pitch.
+    straight: [usize; 2],
+}
+
+impl<const A: usize> ThreadPlan<A> {
+    /// Makes it a tap of a single piece that turns at this distance, mm.
+    ///
+    /// # Errors
+    /// [`ThreadError::TooShort`] if the path is not at its full pitch there.
+    pub(crate) fn turning_at(mut self, depth_mm: f64) -> Result<Self, ThreadError> {
+        let records = self.along_mm.partition_point(|&mm| mm < depth_mm);
+        let [first, end] = self.straight;
+        if !(first..=end).contains(&records) {
+            let [run_in, run_out] = self.run_mm;
+            return Err(ThreadError::TooShort { needs_mm: run_in.max(run_out) });
+        }
+        self.gear.control = SpindleControl::Tap(records as u32);
+        self.gear.reverse_share = 1 << 8;
+        Ok(self)
+    }
 }
 
 /// Reason why a stretch cannot be planned.
@@ -78,6 +100,8 @@ pub enum ThreadError {
     StopsInside,
     /// The spindle is commanded to turn at no speed.
     NoSpeed,
+    /// A tap, and the spindle cannot be reversed.
+    NotReversible,
     /// The planner rejects a piece.
     Move(retrace_motion::MoveError),
 }
@@ -98,6 +122,7 @@ impl std::fmt::Display for ThreadError {
             }
             Self::StopsInside => write!(f, "the path stops in a corner between two threads, and the spindle does not"),
             Self::NoSpeed => write!(f, "a thread (G33, G76) at a speed at which a turn takes too long"),
+            Self::NotReversible => write!(f, "a rigid tap, and the spindle of the machine file cannot be reversed"),
             Self::Move(error) => write!(f, "{error}"),
         }
     }
@@ -156,16 +181,18 @@ impl<const A: usize> ThreadStretch<A> {
             length: u32::try_from(records.len()).unwrap_or(u32::MAX),
             records_per_turn,
             start_angle: ((anchor + self.start_degrees / 360.0).rem_euclid(1.0) * 4_294_967_296.0) as u32,
-            ahead: (AHEAD_S / limits.period_s).ceil() as u32,
+            ahead: (AHEAD_S / limits.period_s).ceil() as u16,
             limits: GearLimits {
                 rate: Rate::from_units((fastest.min(share.sqrt().recip()).min(8.0) * 4_294_967_296.0) as i64),
                 near_end: Distance::records(near_end as i64),
                 tolerance: Distance::from_units((encoder.thread_tolerance_mm / step_mm * 4_294_967_296.0) as i64),
             },
             ramp_share: (share * 65_536.0).ceil().min(65_535.0) as u16,
+            reverse_share: 0,
+            control: SpindleControl::None,
         };
         let run_mm = [main.before_mm + along_mm[first], main.total_mm - main.before_mm - along_mm[end]];
-        Ok(ThreadPlan { records, gear, run_mm })
+        Ok(ThreadPlan { records, gear, run_mm, along_mm, straight: [first, end] })
     }
 
     /// Program line in which it begins.

@@ -193,6 +193,12 @@ impl Gear {
         self.at
     }
 
+    /// Distance from the cursor to the place of this angle, not limited to the stretch.
+    #[must_use]
+    pub fn lag_at(&self, angle: i64) -> Distance {
+        self.ratio.distance(angle.saturating_sub(self.anchor)) - self.at
+    }
+
     /// Whether the cursor is near an end of the stretch.
     #[must_use]
     pub fn is_near_end(&self) -> bool {
@@ -219,14 +225,14 @@ impl Gear {
         let spindle = due - self.due;
         self.due = due;
         let demand = self.within(due) - self.at;
-        let [low, held] = held.map(|records| self.within(Distance::records(i64::from(records))));
+        let [low, high] = held.map(|records| self.within(Distance::records(i64::from(records))));
         let moved = if self.starting > 0 {
             self.starting -= 1;
             demand.clamp(-self.limits.rate.over(1), self.limits.rate.over(1))
         } else {
-            self.limited(demand, spindle, held, change.over(1))
+            self.limited(demand, spindle, [low, high], change.over(1))
         };
-        let to = self.within(self.at + moved).min(held.max(self.at)).max(low.min(self.at));
+        let to = self.within(self.at + moved).min(high.max(self.at)).max(low.min(self.at));
         self.moved = to - self.at;
         self.at = to;
         self.stepped()
@@ -253,8 +259,8 @@ impl Gear {
     }
 
     /// Returns the distance to move within the limits, where the place of the angle is `demand` away, the spindle
-    /// turned by `spindle` in the period, and the records are held up to `held`.
-    fn limited(&self, demand: Distance, spindle: Distance, held: Distance, change: Distance) -> Distance {
+    /// turned by `spindle` in the period, and the records are held from `low` to `high`.
+    fn limited(&self, demand: Distance, spindle: Distance, [low, high]: [Distance; 2], change: Distance) -> Distance {
         let most = self.limits.rate.over(1);
         let within_change = |distance: Distance| distance.clamp(self.moved - change, self.moved + change);
         // What is caught up at once must be given up again in the next period.
@@ -266,9 +272,12 @@ impl Gear {
             spindle + catch_up.clamp(change * -8, change * 8)
         };
         let moved = within_change(wanted).clamp(-most, most);
-        let is_end = held == self.length;
-        if !is_end && moved > Distance::ZERO && !stops_within(moved, change, held - self.at - moved) {
+        let [is_beginning, is_end] = [low == Distance::ZERO, high == self.length];
+        if !is_end && moved > Distance::ZERO && !stops_within(moved, change, high - self.at - moved) {
             return (self.moved - change).clamp(Distance::ZERO, most);
+        }
+        if !is_beginning && moved < Distance::ZERO && !stops_within(-moved, change, self.at + moved - low) {
+            return (self.moved + change).clamp(-most, Distance::ZERO);
         }
         moved
     }

@@ -50,6 +50,8 @@ pub struct Setup {
     pub user_codes: UserCodes,
     /// Angle added to the R word of M19, in degrees.
     pub orient_offset_degrees: f64,
+    /// Whether G74 and G84 tap rigidly, as G33.1 does: the spindle is geared to the tap on its way in and out.
+    pub rigid_tapping: bool,
     /// Whether M98, M99 and an O number alone are refused.
     pub disable_fanuc_subs: bool,
     /// Named read-only parameters, such as the numbers of an INI file; names in lower case.
@@ -82,6 +84,7 @@ impl Default for Setup {
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
             orient_offset_degrees: 0.0,
+            rigid_tapping: false,
             disable_fanuc_subs: false,
             fixed_values: Vec::new(),
             cutting: None,

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::file_hash::FileHash;
 use crate::hold_reason::HoldReason;
-use crate::place_index::{self, LengthChange, ProgramAnswer};
+use crate::place_index::{self, LengthChange, ProgramAnswer, TapBegin};
 use crate::timestamp::Timestamp;
 
 /// Version of the format.
@@ -34,6 +34,8 @@ pub enum JournalEntry {
     ToolLength(LengthChange),
     /// The machine has answered the program.
     Answer(Box<ProgramAnswer>),
+    /// A rigid tap is planned; it may have begun if the machine was at its place.
+    Tap(TapBegin),
     /// Position of the machine.
     Position(Box<PositionEntry>),
     /// An event, as `--json` prints it.

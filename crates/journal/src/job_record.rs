@@ -17,7 +17,7 @@ use crate::entry::{EndEntry, JobHeader, JournalEntry, PlannedOverride, PositionE
 use crate::journal_line;
 use crate::journal_reader::{JournalEntries, JournalError, JournalTail};
 use crate::place_index::PlaceMark;
-use crate::place_index::{LengthChange, ProgramAnswer};
+use crate::place_index::{LengthChange, ProgramAnswer, TapBegin};
 use crate::record_ranges::RecordRanges;
 
 /// Bytes at the end of a long journal in which its last entries are searched.
@@ -57,6 +57,8 @@ pub struct JobRecord {
     rests: Vec<u64>,
     lengths: Vec<LengthChange>,
     answers: Vec<ProgramAnswer>,
+    /// The last rigid tap, unless it is complete.
+    tap: Option<TapBegin>,
     /// The interrupted cut that was not continued.
     interrupted_cut: Option<InterruptedCut>,
     /// What was cut.
@@ -175,6 +177,7 @@ impl JobRecord {
             rests: Vec::new(),
             lengths: Vec::new(),
             answers: Vec::new(),
+            tap: None,
             interrupted_cut: None,
             cut: RecordRanges::default(),
             begun_start: None,
@@ -196,7 +199,11 @@ impl JobRecord {
                 self.overrides.push((number, new));
             }
             JournalEntry::ToolLength(change) => self.lengths.push(change),
-            JournalEntry::Answer(answer) => self.answers.push(*answer),
+            JournalEntry::Tap(begin) => self.tap = Some(begin),
+            JournalEntry::Answer(answer) => {
+                self.tap = self.tap.filter(|_| !matches!(*answer, ProgramAnswer::Tap(_)));
+                self.answers.push(*answer);
+            }
             JournalEntry::Rest(rest) => {
                 if self.rests.last() != Some(&rest.block) {
                     self.rests.push(rest.block);
@@ -311,6 +318,12 @@ impl JobRecord {
     #[must_use]
     pub fn answers(&self) -> &[ProgramAnswer] {
         &self.answers
+    }
+
+    /// The last rigid tap, unless it is complete.
+    #[must_use]
+    pub const fn tap(&self) -> Option<TapBegin> {
+        self.tap
     }
 
     /// Reads the valid marks again, in the order of their places.

@@ -203,6 +203,7 @@ impl IndexWriter for JournalIndexWriter {
                 }
             }
             IndexEntry::Length(change) => self.queue.push_index_entry(JournalEntry::ToolLength(change)),
+            IndexEntry::Tap(begin) => self.queue.push_index_entry(JournalEntry::Tap(begin)),
             IndexEntry::Answer(answer) => self.queue.push_index_entry(JournalEntry::Answer(answer)),
             IndexEntry::Rest { block } => self.queue.push_index_entry(JournalEntry::Rest(PlannedRest { block })),
             IndexEntry::Override { place, planned } => {

@@ -66,7 +66,7 @@ pub use journal_store::{FileStore, JournalStore};
 pub use journal_writer::{JournalEventWriter, JournalIndexWriter, JournalWriter};
 pub use place_index::{
     IndexEntry, IndexWriter, InputAnswer, JournalConfig, LengthChange, MarkDifference, PlaceMark, ProbeAnswer,
-    ProgramAnswer,
+    ProgramAnswer, TapAnswer, TapBegin,
 };
 pub use record_ranges::RecordRanges;
 pub use spool::{SpoolProgress, SpoolReplay, SpoolWriter};

@@ -53,6 +53,8 @@ pub enum ProgramAnswer {
     Probe(ProbeAnswer),
     /// Of a wait for an input (M66).
     Input(InputAnswer),
+    /// Of a rigid tap: it is complete, and the tool where it was before.
+    Tap(TapAnswer),
 }
 
 impl ProgramAnswer {
@@ -62,6 +64,7 @@ impl ProgramAnswer {
         match self {
             Self::Probe(answer) => (answer.block, answer.place),
             Self::Input(answer) => (answer.block, answer.place),
+            Self::Tap(answer) => (answer.block, answer.place),
         }
     }
 
@@ -71,6 +74,7 @@ impl ProgramAnswer {
         match &mut self {
             Self::Probe(answer) => (answer.block, answer.place) = at,
             Self::Input(answer) => (answer.block, answer.place) = at,
+            Self::Tap(answer) => (answer.block, answer.place) = at,
         }
         self
     }
@@ -86,6 +90,28 @@ pub struct InputAnswer {
     pub place: u32,
     /// The level of the input, 1 or 0; −1 where the time was over.
     pub value: i32,
+}
+
+/// A rigid tap that begins at a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TapBegin {
+    /// The place.
+    pub place: u32,
+    /// Line of the program.
+    pub line: u32,
+}
+
+/// Answer of a rigid tap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TapAnswer {
+    /// Number of the decoder's block, from 1.
+    pub block: u64,
+    /// Place of the tap.
+    pub place: u32,
+    /// Records from its beginning to where it turned.
+    pub turned: u32,
 }
 
 /// Answer of a probing move.
@@ -127,6 +153,8 @@ pub enum IndexEntry {
     },
     /// A tool length was entered.
     Length(LengthChange),
+    /// A rigid tap begins. Written before the motion path knows of it.
+    Tap(TapBegin),
     /// The machine has answered. Written before the records behind the answer.
     Answer(Box<ProgramAnswer>),
 }

@@ -59,7 +59,7 @@ pub use session::{next_epoch, session_key};
 pub use settings::{
     CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ, PathStart, SpindlePwm,
 };
-pub use spindle::{GearStart, GearState, SpindleSettings, SpindleStatus, SpindleTask};
+pub use spindle::{GearStart, GearState, SpindleControl, SpindleSettings, SpindleStatus, SpindleTask};
 pub use wire::Greeting;
 
 /// Interface of the controller to a card, simulated or real.

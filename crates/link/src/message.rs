@@ -148,6 +148,12 @@ pub enum HostCommand<const A: usize> {
     Repeat(RepeatedInstruction),
     /// Arms the latch of the probe. Only at rest, and once in an epoch.
     ArmProbe(ProbeArming),
+    /// Sets whether motion follows a spindle that was switched off in a geared stretch, and is turned by hand (SPN-23).
+    /// Only at rest, and near the angle at which it came to rest. It ends where the stretch does.
+    FollowSpindle {
+        /// Whether to follow it.
+        on: bool,
+    },
 }
 
 impl<const A: usize> HostCommand<A> {

@@ -47,11 +47,30 @@ pub struct GearStart {
     /// 2⁻³² turns.
     pub start_angle: u32,
     /// Records, or all of a shorter stretch, that the card must hold before it begins.
-    pub ahead: u32,
+    pub ahead: u16,
     /// Limits of the motion.
     pub limits: GearLimits,
     /// Share of the axes' acceleration that the records use near the ends, in units of 2⁻¹⁶.
     pub ramp_share: u16,
+    /// Speed of the spindle where the card turns it the other way, in units of 2⁻⁸ of its speed forward; 0 where it
+    /// cannot.
+    pub reverse_share: u16,
+    /// What the card does with the spindle.
+    pub control: SpindleControl,
+}
+
+/// What the card does with the spindle in a stretch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SpindleControl {
+    /// Nothing: no requested rate acts, and the stretch is finished.
+    #[default]
+    None,
+    /// A requested rate of 0 stops it, and a negative one turns it the other way (SPN-21, SPN-22). A positive one turns
+    /// it as where the stretch began.
+    Held,
+    /// The same, and it is reversed behind so many records: the stretch ends where it began (SPN-19). The rest of the
+    /// records is for what it turns further.
+    Tap(u32),
 }
 
 impl GearStart {
@@ -63,7 +82,11 @@ impl GearStart {
             && limits.rate > Rate::ZERO
             && limits.rate <= Rate::MAX
             && limits.near_end.units() >= 0
-            && limits.tolerance.units() > 0;
+            && limits.tolerance.units() > 0
+            && match self.control {
+                SpindleControl::None | SpindleControl::Held => true,
+                SpindleControl::Tap(turn) => (1..self.length).contains(&turn) && self.reverse_share > 0,
+            };
         if is_valid { GearRatio::new(settings.counts_per_turn, self.records_per_turn) } else { None }
     }
 }

@@ -53,6 +53,7 @@ mod state_files;
 mod stop_signals;
 mod streams;
 mod surface_speed;
+mod taps;
 mod threads;
 mod tip_up;
 mod tool_change;

@@ -6,7 +6,7 @@
 use retrace_core::drive::{CursorStep, RecordWindow};
 use retrace_core::limits::PulseLimits;
 use retrace_core::{Flags, Place, Rate, RateTarget, Record, RecordIndex};
-use retrace_link::{Alarm, OutputChange, SpindleStatus, channel};
+use retrace_link::{Alarm, CommandRefusal, OutputChange, SpindleStatus, channel};
 
 use super::Player;
 use crate::played_window::PlayedWindow;
@@ -46,13 +46,25 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
     }
 
-    /// Runs a control period of the gear, if a stretch has the cursor. `may_start`: forward motion is requested.
-    pub(super) fn run_gear(&mut self, from: Place, may_start: bool) -> Option<(CursorStep, Option<Alarm>)> {
+    /// Sets whether motion follows the spindle that is turned by hand.
+    pub(super) fn follow_by_hand(&mut self, on: bool) -> Result<(), CommandRefusal> {
+        let Some(SpindleFollower { monitor, gear }) = self.followed.first_mut() else {
+            return Err(CommandRefusal::Unsupported);
+        };
+        gear.follow_by_hand(on, monitor)
+    }
+
+    /// Runs a control period of the gear, if a stretch has the cursor. `request`: sign of the requested rate.
+    pub(super) fn run_gear(&mut self, from: Place, request: i64) -> Option<(CursorStep, Option<Alarm>)> {
         let SpindleFollower { monitor, gear } = self.followed.first_mut()?;
         let held = [self.window.low(), self.window.high()];
         let (window, axes) = (&self.window, self.drive.limits().axes());
         let change = |share: u16| max_change(axes, window.record(from.record), share);
-        let period = gear.run_period(from, may_start, held, change, monitor)?;
+        let period = gear.run_period(from, request, held, change, monitor)?;
+        for (channel, value) in [channel::SPINDLE, channel::SPEED].into_iter().zip(period.spindle.into_iter().flatten())
+        {
+            self.outputs.set(OutputChange { channel, value });
+        }
         let step = CursorStep { to: from.moved(period.moved), starved: false };
         Some((step, period.alarm))
     }

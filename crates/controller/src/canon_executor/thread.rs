@@ -2,7 +2,7 @@
 //!
 //! Invariant: consecutive threads are one stretch; it is complete where anything else follows.
 
-use retrace_gcode::{Canon, CanonStep};
+use retrace_gcode::{Axis, Canon, CanonStep, Pose};
 use retrace_link::{SpindleTask, channel};
 use retrace_motion::PathMode;
 
@@ -10,6 +10,7 @@ use super::CanonExecutor;
 use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::SwitchInstruction;
+use crate::tap_move::RigidTap;
 use crate::thread_plan::{ThreadPiece, ThreadStretch};
 
 /// A thread that is being collected.
@@ -56,6 +57,10 @@ impl CanonExecutor<'_> {
                 let pitch_mm = *pitch_mm;
                 Some(self.add_thread_piece::<A>(end, pitch_mm, line))
             }
+            (Canon::RigidTap(end), Some(CollectedThread { pitch_mm: Some(pitch_mm), .. })) => {
+                let pitch_mm = *pitch_mm;
+                Some(self.end_thread(sink).and_then(|()| self.rigid_tap(end, pitch_mm, line, sink)))
+            }
             (Canon::Comment(_) | Canon::Note(_) | Canon::DisableFeedOverride | Canon::EnableFeedOverride, Some(_)) => {
                 Some(Ok(()))
             }
@@ -99,6 +104,31 @@ impl CanonExecutor<'_> {
         if let Some(thread) = &mut self.thread {
             thread.pieces.push(CollectedPiece { end_mm: own.to_vec(), pitch_mm, mode, line });
         }
+        Ok(())
+    }
+
+    /// A tap to X, Y and Z, and back.
+    fn rigid_tap<const A: usize>(
+        &mut self,
+        end: &[f64; 3],
+        pitch_mm: f64,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        self.thread = None;
+        let Some(encoder) = self.machine.encoder.filter(|_| self.check_thread().is_ok()) else { return Ok(()) };
+        let axes = [Axis::X, Axis::Y, Axis::Z];
+        let programmed = axes.into_iter().zip(end).fold(Pose::ZERO, |pose, (axis, &to)| pose.with(axis, to));
+        let there = self.machine_position(&programmed);
+        let position = axes.into_iter().fold(self.at, |pose, axis| pose.with(axis, there[axis]));
+        let really = |position: Pose| {
+            self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false))
+        };
+        let from_mm = self.machine_coordinates::<A>(&really(self.at))?;
+        let depth_mm = self.machine_coordinates::<A>(&really(position))?;
+        // The card turns the spindle back as it was, and the next feed waits for it.
+        self.awaits_speed = true;
+        sink.tap(&RigidTap { from_mm, depth_mm, pitch_mm, rpm: self.rpm, line }, &encoder)?;
         Ok(())
     }
 

@@ -61,7 +61,7 @@ pub struct SwitchInstruction<'c> {
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
     pub undone_in_reverse: bool,
-    /// The question, of [`ExclusiveKind::Probe`] and [`ExclusiveKind::Input`].
+    /// The question, of [`ExclusiveKind::OffPath`] and [`ExclusiveKind::Input`].
     pub question: Option<Question>,
     /// What it waits for at the spindle.
     pub spindle: Option<SpindleTask>,

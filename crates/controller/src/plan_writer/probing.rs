@@ -83,12 +83,12 @@ impl<const A: usize> PlanWriter<'_, A> {
         self.rest()?;
         match self.ask(Question::Input(question), line)? {
             ProgramAnswer::Input(answer) => Ok(answer.value),
-            ProgramAnswer::Probe(_) => Err(PlanWriteError::AnswerMismatch),
+            _ => Err(PlanWriteError::AnswerMismatch),
         }
     }
 
     /// Returns the answer to a question: that of an earlier run, or the machine's.
-    fn ask(&mut self, question: Question, line: u32) -> Result<ProgramAnswer, PlanWriteError> {
+    pub(super) fn ask(&mut self, question: Question, line: u32) -> Result<ProgramAnswer, PlanWriteError> {
         let (at, code) = ((self.block, self.ring.write().number()), question.code());
         if let Some(answer) = self.answers.replayed.pop_front() {
             if answer.asked_at() != at {
@@ -98,7 +98,7 @@ impl<const A: usize> PlanWriter<'_, A> {
             return Ok(answer);
         }
         let kind = match question {
-            Question::Probe(_) => ExclusiveKind::Probe,
+            Question::Probe(_) | Question::Tap(_) => ExclusiveKind::OffPath,
             Question::Input(_) => ExclusiveKind::Input,
         };
         self.exclusive(SwitchInstruction { line, code, kind, question: Some(question), ..Default::default() })?;

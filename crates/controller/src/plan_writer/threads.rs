@@ -4,10 +4,12 @@
 
 use retrace_config::EncoderConfig;
 use retrace_core::Record;
-use retrace_journal::IndexEntry;
+use retrace_journal::{IndexEntry, ProgramAnswer, TapBegin};
 use retrace_link::SpindleTask;
 
 use super::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
+use crate::question::Question;
+use crate::tap_move::{RigidTap, TapQuestion};
 use crate::thread_plan::ThreadStretch;
 
 /// Code of a geared stretch, for messages.
@@ -40,6 +42,26 @@ impl<const A: usize> PlanWriter<'_, A> {
         }
         self.write_mark();
         let barrier = SwitchInstruction { line, code: CODE, is_barrier: true, ..SwitchInstruction::default() };
+        Ok(self.exclusive(barrier)?)
+    }
+
+    /// Plans a rigid tap: the motion comes to rest, the machine taps, and the path goes on from where it was.
+    ///
+    /// # Errors
+    /// The reason why it is rejected; nothing has moved then.
+    pub fn tap(&mut self, tap: &RigidTap<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
+        let (Some(machine), line) = (self.machine, tap.line) else { return Err(PlanWriteError::Cancelled) };
+        self.check_limits(&[tap.depth_mm], line)?;
+        self.rest()?;
+        let begins = RigidTap { from_mm: self.planner.commanded_mm(), ..*tap };
+        let Some(tap) = begins.counted(machine, self.next_mark.counts) else { return Ok(()) };
+        let plan = tap.plan::<A>(machine, encoder).map_err(|error| PlanWriteError::of_thread(error, line))?;
+        self.index.write(IndexEntry::Tap(TapBegin { place: self.ring.write().number(), line }));
+        let question = Question::Tap(TapQuestion { tap, gear: plan.gear });
+        let ProgramAnswer::Tap(_) = self.ask(question, line)? else { return Err(PlanWriteError::AnswerMismatch) };
+        // A hole is tapped once: nothing is reversed over it. The motion path goes on once it has this.
+        let code = question.code();
+        let barrier = SwitchInstruction { line, code, is_barrier: true, ..SwitchInstruction::default() };
         Ok(self.exclusive(barrier)?)
     }
 

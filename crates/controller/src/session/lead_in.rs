@@ -93,7 +93,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Refuses commands that retrace while the machine is on a lead-in.
     pub(super) fn require_path(&self) -> Result<(), CommandError> {
         if self.probing.is_active() {
-            return Err(CommandError::NotNow("the machine probes: hold or stop it"));
+            return Err(CommandError::NotNow("the machine probes or taps: hold or stop it"));
         }
         if self.is_on_lead_in() { Err(IN_LEAD_IN) } else { Ok(()) }
     }

@@ -1,7 +1,8 @@
-//! Probing moves of the program (PRB-2 to PRB-7).
+//! Probing moves and rigid taps of the program (PRB-2 to PRB-7, SPN-19).
 //!
 //! A probing move is a path of its own on the card, with the probe's latch armed. What the machine did of it goes to
-//! the planner, which makes it part of the job's path; the path then continues behind it, where the machine is.
+//! the planner, which makes it part of the job's path; the path then continues behind it, where the machine is. A tap
+//! is such a path with a gear, and ends where it began: of it, a barrier becomes part of the job's path.
 //!
 //! Invariant: nothing moves before the card has reported that the latch is armed. The job's path continues only where
 //! the planner's records of the move sum to the machine's counts.
@@ -10,7 +11,7 @@ use std::sync::mpsc::SyncSender;
 
 use retrace_config::MachineConfig;
 use retrace_core::{Place, Rate, RecordIndex};
-use retrace_journal::{ProbeAnswer, ProgramAnswer};
+use retrace_journal::{ProbeAnswer, ProgramAnswer, TapAnswer};
 use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch};
 
 use super::{Outcome, Session};
@@ -21,6 +22,7 @@ use crate::manual_move::{ManualMove, ManualMoveEnd};
 use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::probe_move::ProbeMove;
 use crate::run_stats::PeriodClass;
+use crate::tap_move::TapQuestion;
 
 /// Most runs of periods with the same distance in a probing move. Each hold takes about a hundred.
 const MAX_RUNS: usize = 1 << 16;
@@ -38,12 +40,30 @@ pub(super) struct ProgramProbing<const A: usize> {
     runs: Vec<[u64; 2]>,
     /// Number of these periods.
     moved: u32,
+    /// Records from the beginning of a tap to where it turned.
+    turned: u32,
 }
 
-/// A probing move in progress.
+/// What is executed off the job's path.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum OffPathMove {
+    Probe(ProbeMove),
+    Tap(TapQuestion),
+}
+
+impl OffPathMove {
+    const fn code(&self) -> &'static str {
+        match self {
+            Self::Probe(question) => question.code(),
+            Self::Tap(_) => "rigid tap",
+        }
+    }
+}
+
+/// A probing move or tap in progress.
 #[derive(Debug)]
 struct CurrentProbing<const A: usize> {
-    question: ProbeMove,
+    question: OffPathMove,
     /// Place of the job's path at which it begins.
     place: RecordIndex,
     line: u32,
@@ -61,7 +81,7 @@ impl<const A: usize> ProgramProbing<A> {
     pub(super) fn new(machine: &MachineConfig) -> Self {
         let input = machine.probe.input.map(|input| (input, machine.probe.filter_periods));
         let runs = Vec::with_capacity(if input.is_some() { MAX_RUNS } else { 0 });
-        Self { answers: None, input, axes: machine.axes.len(), current: None, runs, moved: 0 }
+        Self { answers: None, input, axes: machine.axes.len(), current: None, runs, moved: 0, turned: 0 }
     }
 
     /// Whether a probing move is in progress.
@@ -106,25 +126,35 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self
     }
 
-    /// Begins a probing move. The machine is at rest on its place.
-    pub(super) fn begin_probing(
+    /// Begins a probing move or a tap. The machine is at rest on its place.
+    pub(super) fn begin_off_path(
         &mut self,
-        question: ProbeMove,
+        question: OffPathMove,
         place: RecordIndex,
         line: u32,
     ) -> Result<(), CardError> {
         let CardStatus { executed, counts, .. } = *self.card.status();
         let (look_ahead, wall_time) = (self.config.look_ahead_records, self.config.run_mode.wall_time);
-        let (Some(hand), Some((input, filter_periods))) = (&mut self.dnc.jog_planner, self.probing.input) else {
-            return Err(fault("E3031", "the machine has no probe", "declare its input in the machine file"));
+        let Some(hand) = &mut self.dnc.jog_planner else {
+            return Err(fault("E3031", "there is no planner of manual moves", "please report this"));
         };
-        let arming = ProbeArming { input, active: !question.probing.away, filter_periods };
-        let trip = ManualMove::begin(hand, JogRequest::Probe(question), executed, look_ahead, wall_time);
-        let trip = Some(trip.probing(arming));
+        let mut begin = |request| ManualMove::begin(hand, request, executed, look_ahead, wall_time);
+        let trip = match (question, self.probing.input) {
+            (OffPathMove::Tap(TapQuestion { tap, gear }), _) => begin(JogRequest::Tap(tap)).tapping(gear),
+            (OffPathMove::Probe(probe), Some((input, filter_periods))) => {
+                let arming = ProbeArming { input, active: !probe.probing.away, filter_periods };
+                begin(JogRequest::Probe(probe)).probing(arming)
+            }
+            (OffPathMove::Probe(_), None) => {
+                return Err(fault("E3031", "the machine has no probe", "declare its input in the machine file"));
+            }
+        };
+        let trip = Some(trip);
+        self.probing.turned = 0;
         self.probing.runs.clear();
         self.probing.moved = 0;
         self.probing.current = Some(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
-        self.executing = Some(ExclusiveKind::Probe);
+        self.executing = Some(ExclusiveKind::OffPath);
         self.emit_at(line, EventKind::Switching(question.code()));
         Ok(())
     }
@@ -137,14 +167,18 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let (Some(current), Some(hand)) = (&mut self.probing.current, &mut self.dnc.jog_planner)
             && let Some(trip) = &mut current.trip
         {
-            trip.hold(is_held);
-            if is_stopping {
-                trip.stop();
+            // A stop lets a tap come out first, as a thread is finished, unless it is held: then the tool stays there.
+            let comes_out = matches!(current.question, OffPathMove::Tap(_)) && !trip.is_held();
+            if !(is_stopping && comes_out) {
+                trip.hold(is_held);
+                if is_stopping {
+                    trip.stop();
+                }
             }
             match trip.advance(hand, &mut self.card)? {
                 None => {}
                 Some(ManualMoveEnd::NotPlanned) => {
-                    return Err(fault("E3031", "the probing move could not be planned", "please report this"));
+                    return Err(fault("E3031", "the move could not be planned", "please report this"));
                 }
                 Some(ManualMoveEnd::Stopped) => {
                     self.probing.current = None;
@@ -152,15 +186,22 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 }
                 Some(ManualMoveEnd::Completed) => {
                     current.trip = None;
-                    self.answer_probing()?;
+                    self.answer_off_path()?;
                 }
             }
         } else {
             self.rejoin_behind_probing()?;
         }
         let status = *self.card.run_period()?;
-        if status.rate != Rate::ZERO && self.probing.current.as_ref().is_some_and(|current| current.trip.is_some()) {
-            self.probing.record(status.rate.over(1).units().unsigned_abs())?;
+        match self.probing.current.as_ref().filter(|current| current.trip.is_some()) {
+            Some(CurrentProbing { question: OffPathMove::Tap(_), trip: Some(trip), .. }) => {
+                let records = trip.start().records_to(status.place.record);
+                self.probing.turned = self.probing.turned.max(records.max(0) as u32);
+            }
+            Some(_) if status.rate != Rate::ZERO => {
+                self.probing.record(status.rate.over(1).units().unsigned_abs())?;
+            }
+            _ => {}
         }
         self.account_probing_period(&status);
         let outcome = self.alarm(&status);
@@ -183,10 +224,21 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Gives the planner what the machine did in the move that is over.
-    fn answer_probing(&mut self) -> Result<(), CardError> {
+    fn answer_off_path(&mut self) -> Result<(), CardError> {
+        match self.probing.current.as_ref().map(|current| (current.question, current.place)) {
+            Some((OffPathMove::Probe(question), _)) => self.answer_probing(question),
+            Some((OffPathMove::Tap(_), place)) => {
+                let (place, turned) = (place.number(), self.probing.turned);
+                self.probing.send(ProgramAnswer::Tap(TapAnswer { block: 0, place, turned }))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn answer_probing(&mut self, question: ProbeMove) -> Result<(), CardError> {
         let status = *self.card.status();
         let Some(current) = &self.probing.current else { return Ok(()) };
-        let ProbeMove { from, probing, .. } = current.question;
+        let ProbeMove { from, probing, .. } = question;
         let touch = match status.probe {
             ProbeLatch::Touched(counts) => Some(counts),
             _ => None,
@@ -235,7 +287,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             Some(PlanEnd::BlockError(text)) => text.as_str(),
             _ => "the planner has ended",
         };
-        format!("a probing move has not become part of the path: {why}")
+        format!("the path does not go on behind the move: {why}")
     }
 
     /// Passes the records of the move that the planner has written, so that there is space for more. Returns whether
@@ -249,7 +301,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             current.passed += 1;
             self.streamer.seek_place(current.passed);
         }
-        Some((current.passed == current.end && self.streamer.is_sure_until(current.end), current.counts))
+        let is_passed = current.passed == current.end && self.streamer.is_sure_until(current.end);
+        // Behind a tap the planner writes a barrier: the answer is in the journal then.
+        let is_answered =
+            !matches!(current.question, OffPathMove::Tap(_)) || self.streamer.next_exclusive() == Some(current.end);
+        Some((is_passed && is_answered, current.counts))
     }
 
     /// Continues the job's path behind the move, once the planner has made the move part of it.
@@ -266,11 +322,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         };
         let Some(CurrentProbing { end, .. }) = self.probing.current else { return Ok(()) };
         if sum != self.card.status().counts {
-            return Err(fault(
-                "E3031",
-                "the planned path behind a probing move is not the one that was run",
-                "please report this",
-            ));
+            return Err(fault("E3031", "the path behind the move is not where the machine is", "please report this"));
         }
         let number = self.streamer.instruction_number();
         let start =

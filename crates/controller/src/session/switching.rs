@@ -7,6 +7,7 @@ use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
 use retrace_link::{CardStatus, HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel};
 
+use super::probing::OffPathMove;
 use super::{ProgramStop, Session};
 use crate::event::{CardError, EventKind};
 use crate::plan_item::ExclusiveKind;
@@ -26,12 +27,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let stops = match kind {
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => true,
             ExclusiveKind::OptionalStop => self.optional_stop,
-            ExclusiveKind::Switch | ExclusiveKind::Dwell | ExclusiveKind::Probe | ExclusiveKind::Input => false,
+            ExclusiveKind::Switch | ExclusiveKind::Dwell | ExclusiveKind::OffPath | ExclusiveKind::Input => false,
         };
         let (place, question) = (exclusive.place, exclusive.question.as_deref().copied());
         match question {
             Some(Question::Probe(question)) => {
-                self.begin_probing(question, place, line)?;
+                self.begin_off_path(OffPathMove::Probe(question), place, line)?;
+                return Ok(false);
+            }
+            Some(Question::Tap(question)) => {
+                self.begin_off_path(OffPathMove::Tap(question), place, line)?;
                 return Ok(false);
             }
             Some(Question::Input(question)) if !self.has_read_input(question, place, line)? => return Ok(false),

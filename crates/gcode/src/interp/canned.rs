@@ -44,6 +44,8 @@ struct Hole<'a, 'e> {
     at: Pose,
     axes: [Axis; 3],
     levels: Levels,
+    /// Whether taps are rigid.
+    is_rigid: bool,
 }
 
 impl Hole<'_, '_> {
@@ -172,7 +174,7 @@ impl Core {
         words: &Words,
         emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
-        let state = &self.state;
+        let (state, is_rigid) = (&self.state, self.rigid_tapping);
         let axes = state.plane.axes();
         let [first, second, normal] = axes;
         let word = |axis: Axis| words.get(axis.letter().to_ascii_lowercase());
@@ -189,7 +191,7 @@ impl Core {
         let polar_step = polar.filter(|_| state.distance == DistanceMode::Incremental);
         let level = state.position[normal];
         let mut travel = if level > levels.clearance { level } else { levels.retract };
-        let mut hole = Hole { emit, at: state.position, axes, levels };
+        let mut hole = Hole { emit, at: state.position, axes, levels, is_rigid };
         for _ in 0..repeats {
             place = (place.0 + step.0, place.1 + step.1);
             if let Some(polar) = &polar_step {
@@ -289,7 +291,7 @@ fn required_direction(cycle: DrillingCycle, state: &ModalState, words: &Words) -
 }
 
 /// Executes G74 and G84: down, reverse the spindle, and up again, all at the programmed feed, which must match the
-/// pitch.
+/// pitch. Rigid: as G33.1, at the pitch that feed and speed give, without the dwell.
 fn tap(
     cycle: DrillingCycle,
     hole: &mut Hole<'_, '_>,
@@ -307,6 +309,23 @@ fn tap(
         );
     }
     let Levels { bottom, retract, .. } = hole.levels;
+    if hole.is_rigid {
+        let pitch = match state.feed_mode {
+            FeedMode::UnitsPerRevolution => state.feed_rate,
+            _ if state.spindle_speed > 0.0 => state.feed_rate / state.spindle_speed,
+            // The machine refuses a tap at no speed.
+            _ => 0.0,
+        };
+        let mut depth = hole.at;
+        depth[hole.axes[2]] = bottom;
+        hole.emit.call(Canon::StartSpeedFeedSynch { pitch, start_degrees: 0.0 });
+        hole.emit.call(Canon::RigidTap([depth[Axis::X], depth[Axis::Y], depth[Axis::Z]]));
+        hole.emit.call(Canon::StopSpeedFeedSynch);
+        if hole.at[hole.axes[2]] != retract {
+            hole.traverse_to(retract);
+        }
+        return Ok(());
+    }
     hole.emit.call(Canon::DisableFeedOverride);
     hole.emit.call(Canon::DisableSpeedOverride);
     hole.feed_to(bottom);

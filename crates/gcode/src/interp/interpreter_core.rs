@@ -33,6 +33,7 @@ pub(crate) struct Core {
     pub(crate) tools: ToolTable,
     /// Angle added to the R word of M19, in degrees.
     pub(super) orient_offset_degrees: f64,
+    pub(super) rigid_tapping: bool,
     pub(super) user_codes: UserCodes,
     /// Cutters and materials; `None` on a machine without a material table.
     pub(crate) cutting: Option<Arc<CuttingSetup>>,

@@ -129,7 +129,7 @@ impl Interpreter {
             None => (ModalState::initial(setup.program_units), setup.parameters, setup.tools),
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
-        let orient_offset_degrees = setup.orient_offset_degrees;
+        let (orient_offset_degrees, rigid_tapping) = (setup.orient_offset_degrees, setup.rigid_tapping);
         let (cutting, spindle_use) = (setup.cutting, setup.spindle_use);
         let follows_unknown = setup.answers == Answers::Unknown;
         let mut core = Core {
@@ -139,6 +139,7 @@ impl Interpreter {
             tools,
             user_codes,
             orient_offset_degrees,
+            rigid_tapping,
             cutting,
             spindle_use,
             follows_unknown,

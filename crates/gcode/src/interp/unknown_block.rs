@@ -318,13 +318,9 @@ impl Core {
         }
         let flow = self.execute(&codes, BlockMotion::None, emit)?;
         let end = self.end_of_unknown(words, motion);
-        match motion {
-            // The machine refuses these, whatever their ends are.
-            Some(MotionMode::RigidTap) => emit.call(Canon::RigidTap([UNKNOWN; 3])),
-            Some(MotionMode::SpindleFeed | MotionMode::ThreadingCycle) => {
-                emit.call(Canon::StartSpeedFeedSynch { pitch: UNKNOWN, start_degrees: UNKNOWN });
-            }
-            _ => {}
+        if let Some(MotionMode::SpindleFeed | MotionMode::ThreadingCycle | MotionMode::RigidTap) = motion {
+            // A machine without an encoder refuses these, whatever their ends are.
+            emit.call(Canon::StartSpeedFeedSynch { pitch: UNKNOWN, start_degrees: UNKNOWN });
         }
         emit.call(Canon::UnknownMotion(end));
         self.state.position = end;

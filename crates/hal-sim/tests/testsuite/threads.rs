@@ -6,9 +6,13 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Flags, Rate, Record, RecordIndex};
 use retrace_hal_sim::{Clock, PlantSettings, Random, SimCard, SimCardError, SpindleSimulation};
 use retrace_link::{
-    Alarm, CardSettings, GearStart, GearState, HostCommand, Instruction, MotionCard, OutputChange, PathStart,
-    SpindleSettings, SpindleTask, channel,
+    Alarm, CardSettings, GearStart, GearState, HostCommand, InputSetting, InputUse, Instruction, MotionCard,
+    OutputChange, PathStart, SpindleControl, SpindleSettings, SpindleTask, channel,
 };
+
+mod taps;
+
+const EMERGENCY_STOP: u8 = 13;
 
 /// A thread on a machine with pulses of 1 µm: pitch in pulses, and commanded revolutions per minute.
 #[derive(Clone, Copy)]
@@ -40,6 +44,8 @@ struct Bench {
     /// Records of the ramp at either end.
     ramp: usize,
     sent: u32,
+    /// Whether the spindle turns counter-clockwise.
+    is_left: bool,
 }
 
 impl Bench {
@@ -62,8 +68,10 @@ impl Bench {
             timeout_periods: 10_000_000 / case.period_us,
             highest_speed: 4_000_000,
         };
-        let settings =
+        let mut settings =
             CardSettings { spindle: Some(spindle_settings), ..CardSettings::new(1, start, case.period_us, limits) };
+        settings.inputs[usize::from(EMERGENCY_STOP)] =
+            InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
         let spindle = SpindleSimulation { counts_per_turn: case.counts, ..spindle };
         let plant = PlantSettings { spindle: Some(spindle), ..PlantSettings::default() };
         let card = SimCard::with_machine(settings, &plant, Clock::Virtual).expect("fits");
@@ -92,7 +100,7 @@ impl Bench {
         };
         let rounded = |n| place(n).round() as i64;
         let increments = (0..length).map(|n| (rounded(n + 1) - rounded(n)) as i16).collect();
-        Self { card, case, increments, records_per_turn: records_per_turn as u16, ramp, sent: 0 }
+        Self { card, case, increments, records_per_turn: records_per_turn as u16, ramp, sent: 0, is_left: false }
     }
 
     fn start(&self) -> GearStart {
@@ -111,15 +119,22 @@ impl Bench {
             ahead: 250,
             limits,
             ramp_share: 45_876,
+            reverse_share: 0,
+            control: SpindleControl::None,
         }
     }
 
     /// Starts the spindle, and arms the stretch.
     fn begin(&mut self, direction: i32) {
+        self.begin_with(direction, self.start());
+    }
+
+    fn begin_with(&mut self, direction: i32, start: GearStart) {
+        self.is_left = direction < 0;
         for (channel, value) in [(channel::SPINDLE, direction), (channel::SPEED, (self.case.rpm * 1000.0) as i32)] {
             self.card.send(HostCommand::ManualOutput(OutputChange { channel, value })).expect("a channel");
         }
-        let spindle = Some(SpindleTask::Gear(self.start()));
+        let spindle = Some(SpindleTask::Gear(start));
         let instruction = Instruction { number: 1, spindle, ..Instruction::default() };
         self.card.send(HostCommand::Instruction(instruction)).expect("at its place");
         self.card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
@@ -140,6 +155,8 @@ impl Bench {
     /// Runs a period; returns position and true angle at its end, after the next one has begun.
     fn period(&mut self) -> Result<(i64, f64), SimCardError> {
         if self.card.status().executed == 1 {
+            // Records behind take the place of the last ones ahead.
+            self.sent = self.card.status().high.number();
             self.send_records();
         }
         let before = self.card.status().counts[0];

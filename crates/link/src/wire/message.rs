@@ -6,7 +6,7 @@ use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
     GearStart, HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing,
-    OutputAction, OutputChange, ProbeArming, RepeatedInstruction, SpindleTask,
+    OutputAction, OutputChange, ProbeArming, RepeatedInstruction, SpindleControl, SpindleTask,
 };
 use retrace_core::gear::GearLimits;
 use retrace_core::{Distance, Rate, RecordIndex};
@@ -23,6 +23,7 @@ mod tag {
     pub(super) const CLEAR_ALARM: u8 = 0x09;
     pub(super) const HOME: u8 = 0x0A;
     pub(super) const ARM_PROBE: u8 = 0x0C;
+    pub(super) const FOLLOW: u8 = 0x0D;
     pub(super) const RESTART: u8 = 0x20;
     pub(super) const REPEAT: u8 = 0x21;
 }
@@ -100,6 +101,10 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
             writer.u8(input & PROBE_INPUT | if *active { PROBE_ACTIVE } else { 0 })?;
             writer.count(u64::from(*filter_periods))
         }
+        HostCommand::FollowSpindle { on } => {
+            writer.u8(tag::FOLLOW)?;
+            writer.u8(u8::from(*on))
+        }
     }
 }
 
@@ -158,6 +163,7 @@ pub fn read_command<const A: usize>(reader: &mut ByteReader<'_>, run: &mut Recor
                 let active = input & PROBE_ACTIVE != 0;
                 HostCommand::ArmProbe(ProbeArming { input: input & PROBE_INPUT, active, filter_periods })
             }
+            tag::FOLLOW => HostCommand::FollowSpindle { on: reader.u8()? != 0 },
             _ => return None,
         });
     }
@@ -227,18 +233,27 @@ fn write_switching(
 
 const AT_SPEED: u8 = 0;
 const GEAR: u8 = 1;
+const HELD_GEAR: u8 = 2;
+const TAP: u8 = 3;
 
 fn write_spindle_task(writer: &mut ByteWriter<'_>, task: SpindleTask) -> Option<()> {
-    let SpindleTask::Gear(GearStart { length, records_per_turn, start_angle, ahead, limits, ramp_share }) = task else {
-        return writer.u8(AT_SPEED);
-    };
-    writer.u8(GEAR)?;
-    for value in [length, u32::from(records_per_turn), start_angle, ahead, u32::from(ramp_share)] {
+    let SpindleTask::Gear(start) = task else { return writer.u8(AT_SPEED) };
+    let GearStart { length, records_per_turn, start_angle, ahead, limits, ramp_share, reverse_share, control } = start;
+    writer.u8(match control {
+        SpindleControl::None => GEAR,
+        SpindleControl::Held => HELD_GEAR,
+        SpindleControl::Tap(_) => TAP,
+    })?;
+    let shares = [ramp_share, reverse_share].map(u32::from);
+    for value in [length, u32::from(records_per_turn), start_angle, u32::from(ahead), shares[0], shares[1]] {
         writer.count(u64::from(value))?;
     }
     let GearLimits { rate, near_end, tolerance } = limits;
     for value in [rate.units(), near_end.units(), tolerance.units()] {
         writer.signed(value)?;
+    }
+    if let SpindleControl::Tap(turn) = control {
+        writer.count(u64::from(turn))?;
     }
     Some(())
 }
@@ -251,16 +266,22 @@ fn read_spindle_task(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<S
     }
     Some(Some(match reader.u8()? {
         AT_SPEED => SpindleTask::AtSpeed,
-        GEAR => SpindleTask::Gear(GearStart {
+        kind @ (GEAR | HELD_GEAR | TAP) => SpindleTask::Gear(GearStart {
             length: reader.count32()?,
             records_per_turn: reader.count16()?,
             start_angle: reader.count32()?,
-            ahead: reader.count32()?,
+            ahead: reader.count16()?,
             ramp_share: reader.count16()?,
+            reverse_share: reader.count16()?,
             limits: GearLimits {
                 rate: Rate::from_units(reader.signed()?),
                 near_end: Distance::from_units(reader.signed()?),
                 tolerance: Distance::from_units(reader.signed()?),
+            },
+            control: match kind {
+                GEAR => SpindleControl::None,
+                HELD_GEAR => SpindleControl::Held,
+                _ => SpindleControl::Tap(reader.count32()?),
             },
         }),
         _ => return None,

@@ -12,8 +12,8 @@ use retrace_link::{
     Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
     GearStart, GearState, HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction,
     LayerMove, LayerSettings, MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction,
-    OutputChange, PROTOCOL, PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindlePwm, SpindleSettings,
-    SpindleTask,
+    OutputChange, PROTOCOL, PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindleControl, SpindlePwm,
+    SpindleSettings, SpindleTask,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -60,11 +60,23 @@ fn instruction() -> impl Strategy<Value = Instruction> {
 }
 
 fn spindle_task() -> impl Strategy<Value = Option<SpindleTask>> {
-    let numbers = (any::<[u32; 3]>(), any::<[u16; 2]>(), any::<[i64; 3]>());
-    let gear = numbers.prop_map(|([length, start_angle, ahead], [records_per_turn, ramp_share], units)| {
+    let control =
+        prop_oneof![Just(SpindleControl::None), Just(SpindleControl::Held), any::<u32>().prop_map(SpindleControl::Tap)];
+    let numbers = (any::<[u32; 2]>(), any::<[u16; 4]>(), any::<[i64; 3]>(), control);
+    let gear = numbers.prop_map(|([length, start_angle], shorts, units, control)| {
+        let [records_per_turn, ahead, ramp_share, reverse_share] = shorts;
         let [near_end, tolerance] = [units[1], units[2]].map(Distance::from_units);
         let limits = GearLimits { rate: Rate::from_units(units[0]), near_end, tolerance };
-        SpindleTask::Gear(GearStart { length, records_per_turn, start_angle, ahead, limits, ramp_share })
+        SpindleTask::Gear(GearStart {
+            length,
+            records_per_turn,
+            start_angle,
+            ahead,
+            limits,
+            ramp_share,
+            reverse_share,
+            control,
+        })
     });
     prop::option::of(prop_oneof![Just(SpindleTask::AtSpeed), gear])
 }
@@ -99,6 +111,7 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
         change().prop_map(HostCommand::ManualOutput),
         Just(HostCommand::ClearAlarm),
         any::<u32>().prop_map(|last| HostCommand::Restart { last }),
+        any::<bool>().prop_map(|on| HostCommand::FollowSpindle { on }),
         (0u8..128, any::<bool>(), any::<u16>()).prop_map(|(input, active, filter_periods)| HostCommand::ArmProbe(
             ProbeArming { input, active, filter_periods }
         )),

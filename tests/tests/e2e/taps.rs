@@ -1,0 +1,208 @@
+//! Rigid taps by the command: G33.1, and G84 and G74 with `tapping = "rigid"` (SPN-19).
+
+use std::fs;
+use std::process::Stdio;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::Bench;
+use retrace_tests::pins::{self, Sample};
+use retrace_tests::run::Run;
+use retrace_tests::served::ServedCard;
+
+const ENCODER: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\n";
+const RIGID: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\ntapping = \"rigid\"\n";
+/// Two holes: 12 mm below a start 3 mm above the work.
+const TAPS: &str = "G21 G90\nS600 M3\nG0 X5 Z3\nG33.1 Z-12 K1\nG0 X10\nG33.1 Z-12 K1\nG0 X0 Z10\nM5\nM2\n";
+
+/// Runs a program on the simulated card; returns the run, and what was at its pins.
+fn run(machine: &str, program: &str, operator: &str) -> (Run, Vec<Sample>) {
+    let bench = Bench::new();
+    let machine = bench.file("m.toml", machine).display().to_string();
+    let (path, script) = (bench.file("part.ngc", program), bench.file("s.op", operator).display().to_string());
+    let vcd = bench.path("pins.vcd");
+    let run =
+        Run::of(&bench, &path, &["--machine", &machine, "--vcd", &vcd.display().to_string(), "--operator", &script]);
+    (run, pins::samples(&vcd))
+}
+
+/// The deepest place of the tool in each visit below this height, in pulses.
+fn holes(samples: &[Sample], below: i64) -> Vec<i64> {
+    let mut holes = Vec::new();
+    let mut deepest: Option<i64> = None;
+    for z in samples.iter().map(|sample| sample.counts[2]) {
+        if z < below {
+            deepest = Some(deepest.map_or(z, |of| of.min(z)));
+        } else if let Some(of) = deepest.take() {
+            holes.push(of);
+        }
+    }
+    holes
+}
+
+/// G33.1 and both cycles tap each hole to its depth, and go on from where they began, to the pulse: the axes that do
+/// not tap stand still below the work.
+#[test]
+fn holes_are_tapped_to_their_depth_and_left_where_they_began() {
+    let cycle = |code: &str, start: &str| {
+        format!("G21 G90 G98\nS600 {start}\nG0 X5 Z3\nG95 F1\n{code} X5 Y0 Z-12 R3\nX10\nG80\nG0 X0 Z10\nM5\nM2\n")
+    };
+    for (machine, program) in [
+        (ENCODER, TAPS.to_owned()),
+        (ENCODER, TAPS.replace("M3", "M4")),
+        (RIGID, cycle("G84", "M3")),
+        (RIGID, cycle("G74", "M4")),
+        (RIGID, cycle("G84", "M3").replace("G95 F1", "F600")),
+    ] {
+        let (run, samples) = run(machine, &program, "");
+        assert_eq!((&run.report["outcome"], run.counts()), (&"completed".into(), vec![0, 0, 10_000]), "{program}");
+        assert_eq!(run.number("limit_violations") + run.number("underruns"), 0.0);
+        let holes = holes(&samples, 0);
+        // What the drive needs to reverse 600 turns a minute is below the depth.
+        assert!(holes.len() == 2 && holes.iter().all(|z| (-13_050..=-12_000).contains(z)), "{holes:?} {program}");
+        let above = samples.iter().position(|sample| sample.counts[2] >= 2_900).expect("it rises first");
+        for pair in samples[above..].windows(2).filter(|pair| pair[1].counts[2] < 2_900) {
+            assert!(pair[0].counts[0] == pair[1].counts[0], "{program}: {:?}", pair[1]);
+        }
+    }
+}
+
+/// With the turns that the reversal takes, the turn is at the depth.
+#[test]
+fn a_tap_that_is_reversed_early_turns_at_its_depth() {
+    let (_, samples) = run(&format!("{ENCODER}reversal_turns = 26\n"), TAPS, "");
+    // 600 of 3 000 turns a minute: 1/25 of it
+    let holes = holes(&samples, 0);
+    assert!(holes.len() == 2 && holes.iter().all(|z| (-12_000..=-11_000).contains(z)), "{holes:?}");
+}
+
+/// Without reversal, a floating tap is what the cycles do, as before.
+#[test]
+fn the_cycles_tap_in_a_floating_holder_without_a_word_about_it() {
+    let program = "G21 G90 G98\nS600 M3\nG0 X5 Z3\nG95 F1\nG84 X5 Y0 Z-12 R3\nG80\nG0 X0 Z10\nM5\nM2\n";
+    let (run, samples) = run(ENCODER, program, "");
+    assert_eq!(run.report["outcome"], "completed");
+    assert_eq!(holes(&samples, 0), [-12_000]);
+}
+
+#[test]
+fn what_cannot_be_tapped_is_refused_before_anything_moves() {
+    let stiff = format!("{ENCODER}reversible = false\n");
+    for (machine, program, number) in [
+        ("[spindle]\nmax_rpm = 3000\n", "S600 M3\nG33.1 Z-12 K1", "E4320"),
+        (ENCODER, "M3\nG33.1 Z-12 K1", "E4321"),
+        (ENCODER, "S1000 M3\nG33.1 Z-40 K6", "E4322"),
+        (ENCODER, "S600 M3\nG33.1 Z-0.2 K1", "E4323"),
+        (&stiff, "S600 M3\nG33.1 Z-12 K1", "E4326"),
+        (ENCODER, "S600 M3\nG33.1 Z-900 K1", "E4325"),
+    ] {
+        let bench = Bench::new();
+        bench.file("m.toml", machine);
+        bench.file("part.ngc", format!("G21 G90\n{program}\nM2\n"));
+        for command in ["check", "run"] {
+            let result = bench.retrace([command, "part.ngc", "--machine", "m.toml", "--json"]);
+            let told = format!("{}{}", result.out, result.err);
+            assert!(result.code == Some(1) && told.contains(number), "{command} {program}: {told}");
+            assert!(told.contains("part.ngc:3:") || told.contains("\"line\":3"), "{command} {program}: {told}");
+            assert!(!result.out.contains("\"started\""), "{told}");
+        }
+    }
+}
+
+/// A hold stops the spindle in the groove, and the tap goes on from there; an order to retrace is refused in it. A stop
+/// lets it come out first.
+#[test]
+fn a_tap_is_held_in_the_groove_and_comes_out_before_a_stop() {
+    let script = "at 1.5s hold\nafter 1s reverse 100%\nafter 1s resume\nat 5s hold\nafter 1s resume\n";
+    let (held, samples) = run(ENCODER, TAPS, script);
+    assert_eq!((&held.report["outcome"], held.counts()), (&"completed".into(), vec![0, 0, 10_000]));
+    assert_eq!(held.of_kind("command_rejected").count(), 1);
+    let at = |us: u64| samples.iter().rev().find(|sample| sample.at_us <= us).expect("a sample");
+    for [rests_us, goes_on_us] in [[2_000_000, 3_450_000], [5_450_000, 5_950_000]] {
+        let (rests, goes_on) = (at(rests_us), at(goes_on_us));
+        assert!(!rests.is_on("spindle") && rests.counts[2] < 0 && rests.at_rest, "{rests:?}");
+        assert_eq!((&rests.counts, goes_on.is_on("spindle")), (&goes_on.counts, false));
+    }
+    assert_eq!(holes(&samples, 0).len(), 2);
+    let (stopped, samples) = run(ENCODER, TAPS, "at 1.5s stop\n");
+    assert_eq!(stopped.report["outcome"], "stopped");
+    assert_eq!((holes(&samples, 0).len(), stopped.counts()), (1, vec![5_000, 0, 3_000]));
+    assert!(samples.last().is_some_and(|of| of.at_rest));
+}
+
+/// A job that was stopped between two taps is resumed with the second alone; one that was stopped in a tap that is held
+/// is not resumed.
+#[test]
+fn a_tap_is_cut_once_and_a_job_that_was_left_in_one_is_not_resumed() {
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    bench.file("part.ngc", TAPS);
+    bench.file("between.op", "at 1.5s stop\n");
+    bench.file("inside.op", "at 1.5s hold\nafter 1s stop\n");
+    let run = |script: &str| bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--operator", script, "--json"]);
+    assert_eq!(run("between.op").code, Some(4));
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    // A tap is two instructions: what the machine does, and the barrier behind it.
+    let count = |line: u32| {
+        let event = format!("\"code\":\"rigid tap\",\"event\":\"switched\",\"fraction\":0,\"line\":{line},");
+        resumed.out.matches(&event).count()
+    };
+    assert_eq!([count(4), count(6)], [1, 2], "{}", resumed.out);
+    assert_eq!(run("inside.op").code, Some(4));
+    let refused = bench.retrace(["resume", "--yes", "--json"]);
+    assert!(refused.code != Some(0) && refused.err.contains("E2219"), "{}{}", refused.out, refused.err);
+}
+
+/// Whatever ends a tap early: the spindle is off, the machine is at rest inside of it, and nothing moves it afterwards,
+/// also not a spindle that is turned by hand. The job is not resumed inside.
+#[test]
+fn whatever_ends_a_tap_early_leaves_the_spindle_off_and_the_machine_at_rest() {
+    let program = TAPS.replace("Z-12", "Z-40");
+    for (event, number) in
+        [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("kill", ""), ("power off", "")]
+    {
+        let bench = Bench::new();
+        let stop = "[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
+        let machine = bench.file("m.toml", format!("{stop}{ENCODER}")).display().to_string();
+        bench.file("part.ngc", &program);
+        let vcd = bench.path("card.vcd");
+        let mut card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string()]);
+        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+        let mut child = bench.start(&run, Stdio::null(), "run.txt");
+        let begun = Instant::now();
+        while !fs::read_to_string(bench.path("run.txt")).unwrap_or_default().contains("rigid tap\"") {
+            assert!(begun.elapsed() < Duration::from_secs(50), "the tap begins");
+            sleep(Duration::from_millis(2));
+        }
+        sleep(Duration::from_millis(1500));
+        match event {
+            "kill" => child.kill().expect("it is killed"),
+            event => card.operate(event),
+        }
+        sleep(Duration::from_millis(1000));
+        if event == "power off" {
+            card.operate("power on");
+            sleep(Duration::from_millis(500));
+        }
+        let _ = child.kill();
+        child.wait().expect("it ends");
+        let told = fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
+        assert!(told.contains(number), "{event}: {told}");
+        card.operate("spindle turn 0.4");
+        sleep(Duration::from_millis(1200));
+        if event == "kill" {
+            let refused = bench.retrace(["resume", "--yes", "--json"]);
+            assert!(refused.code != Some(0) && refused.err.contains("E2219"), "{}{}", refused.out, refused.err);
+        }
+        let _ = card.end();
+        let samples = pins::samples(&vcd);
+        let last = samples.last().expect("a trace");
+        assert!(!last.is_on("spindle") && (event == "power off" || last.counts[2] < 0), "{event}: {last:?}");
+        let switched_off = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");
+        let still = |pair: &[Sample]| pair[0].counts == pair[1].counts;
+        let stopped = samples.windows(2).rposition(|pair| !still(pair)).expect("it moved");
+        // 600 turns a minute coast to rest in 0.4 s.
+        assert!(event == "power off" || stopped <= switched_off + 700, "{event}: moves at {stopped}, {switched_off}");
+    }
+}
