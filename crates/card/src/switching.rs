@@ -7,10 +7,11 @@
 
 use retrace_core::RecordIndex;
 use retrace_link::{
-    Alarm, CommandRefusal, InputWait, Instruction, LayerMove, OutputChange, RepeatedInstruction, SpindleTask,
+    Alarm, CommandRefusal, InputWait, Instruction, LayerMove, OutputChange, RepeatedInstruction, SpindleTask, channel,
 };
 
 use crate::layer::{LayerDrive, LayerProgress, SheetFault};
+use crate::spindle_monitor::SpindleMonitor;
 use crate::{OutputBank, SpindleFollower};
 
 /// Stage of the pending instruction.
@@ -201,6 +202,25 @@ impl Execution {
     }
 }
 
+/// Whether a repeated instruction has switched the spindle on, or changed its speed: nothing moves before it is reached
+/// (SPN-6).
+fn awaits_speed(instruction: &RepeatedInstruction, outputs: &OutputBank) -> bool {
+    let concerns = |change: &OutputChange| matches!(change.channel, channel::SPINDLE | channel::SPEED);
+    let value = |number: u8| outputs.values()[usize::from(number)];
+    let turns = value(channel::SPINDLE) != 0 && value(channel::SPEED) > 0;
+    turns && !instruction.is_pulse && instruction.changes().iter().any(concerns)
+}
+
+/// Waits for the speed of a spindle with an encoder. `passed`: control periods of an instruction that takes `periods`.
+fn run_speed_wait(spindle: &SpindleMonitor, passed: u32, periods: u32) -> InstructionProgress {
+    let Some(settings) = spindle.settings() else { return InstructionProgress::Complete };
+    match spindle.is_at_speed() {
+        true => InstructionProgress::Complete,
+        false if passed > periods.saturating_add(settings.timeout_periods) => InstructionProgress::NotAtSpeed,
+        false => InstructionProgress::Running,
+    }
+}
+
 /// Waits for the spindle, and prepares the gear of a stretch behind the instruction. `passed`: control periods of the
 /// instruction.
 fn run_spindle_task(
@@ -334,7 +354,8 @@ impl InstructionExecutor {
         }
     }
 
-    /// Begins a repeated instruction: its changes are made at once, unless the sheet is sensed before.
+    /// Begins a repeated instruction: its changes are made at once, unless the sheet is sensed before. `has_encoder`:
+    /// the speed of the spindle is known.
     ///
     /// # Errors
     /// [`CommandRefusal::Busy`] while an instruction is being executed, or if the number is not the next one;
@@ -344,6 +365,7 @@ impl InstructionExecutor {
         instruction: RepeatedInstruction,
         outputs: &mut OutputBank,
         layer: &mut LayerDrive,
+        has_encoder: bool,
     ) -> Result<(), CommandRefusal> {
         if self.is_busy() || instruction.number != self.repeated.wrapping_add(1) {
             return Err(CommandRefusal::Busy);
@@ -357,7 +379,8 @@ impl InstructionExecutor {
         }
         layer.forget_kept_sheet();
         let execution = Execution::begin(instruction.changes(), instruction.layer, outputs, layer);
-        if instruction.periods == 0 && instruction.until.is_none() && instruction.layer.is_none() {
+        let awaits_speed = has_encoder && awaits_speed(&instruction, outputs);
+        if instruction.periods == 0 && instruction.until.is_none() && instruction.layer.is_none() && !awaits_speed {
             self.repeated = instruction.number;
         } else {
             self.repeat = Some(PendingRepeat { instruction, execution });
@@ -379,7 +402,7 @@ impl InstructionExecutor {
         spindle: Option<&mut SpindleFollower>,
     ) -> Option<InstructionFault> {
         if let Some(PendingRepeat { instruction, execution }) = self.repeat {
-            return self.run_repeat_period(&instruction, execution, (active, failed), outputs, layer);
+            return self.run_repeat_period(&instruction, execution, (active, failed), outputs, layer, spindle);
         }
         let Some(PendingInstruction { instruction, stage: InstructionStage::Running(mut execution) }) = self.pending
         else {
@@ -431,6 +454,7 @@ impl InstructionExecutor {
         (active, failed): (u16, bool),
         outputs: &mut OutputBank,
         layer: &mut LayerDrive,
+        spindle: Option<&mut SpindleFollower>,
     ) -> Option<InstructionFault> {
         self.repeat = None;
         let number = instruction.number;
@@ -438,7 +462,13 @@ impl InstructionExecutor {
             return Some(InstructionFault::Alarm(Alarm::Failed { instruction: number }));
         }
         let timing = (instruction.periods, instruction.until, instruction.layer);
-        let progress = execution.run_with_layer(timing, active, layer);
+        let mut progress = execution.run_with_layer(timing, active, layer);
+        if progress == InstructionProgress::Complete
+            && awaits_speed(instruction, outputs)
+            && let Some(spindle) = spindle
+        {
+            progress = run_speed_wait(&spindle.monitor, execution.passed, instruction.periods);
+        }
         match progress {
             InstructionProgress::Complete => {
                 self.repeated = number;
@@ -447,9 +477,10 @@ impl InstructionExecutor {
                 }
                 return None;
             }
-            InstructionProgress::TimedOut | InstructionProgress::NotAtSpeed => {
+            InstructionProgress::TimedOut => {
                 return Some(InstructionFault::Alarm(Alarm::TimedOut { instruction: number }));
             }
+            InstructionProgress::NotAtSpeed => return Some(InstructionFault::Alarm(Alarm::NotAtSpeed)),
             InstructionProgress::NotStarted => {
                 switch_off(instruction.changes(), outputs);
                 return Some(InstructionFault::NotStarted);

@@ -34,10 +34,9 @@ pub(crate) enum OpenDialog {
 }
 
 /// View of the drawing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum View {
     /// From above.
-    #[default]
     Xy,
     /// From the front.
     Xz,
@@ -45,6 +44,33 @@ pub(crate) enum View {
     Yz,
     /// From a corner.
     Iso,
+    /// A lathe from above: Z to the right, X up.
+    Zx,
+}
+
+impl View {
+    /// The view in which the most of a program is seen: that of a lathe without a Y axis, and from the front where the
+    /// path goes up and down and not to the back.
+    fn of(model: &ScreenModel) -> Self {
+        let [has_x, has_y, has_z] = model.facts.space().map(|axis| axis.is_some());
+        let span = model.facts.preview.path.extent().map(|[least, most]| [0, 1, 2].map(|i| most[i] - least[i]));
+        match span {
+            _ if has_x && has_z && !has_y => Self::Zx,
+            Some([_, 0.0, up]) if up > 0.0 => Self::Xz,
+            _ => Self::Xy,
+        }
+    }
+
+    /// The view after this one.
+    const fn next(self) -> Self {
+        match self {
+            Self::Xy => Self::Xz,
+            Self::Xz => Self::Yz,
+            Self::Yz => Self::Iso,
+            Self::Iso => Self::Zx,
+            Self::Zx => Self::Xy,
+        }
+    }
 }
 
 /// Region that the drawing shows at zoom 1 without pan.
@@ -120,8 +146,8 @@ pub(crate) struct KeyState {
     pub open: OpenDialog,
     /// Whether the operator hid the alarm's box.
     pub alarm_aside: bool,
-    /// View of the drawing.
-    pub view: View,
+    /// View of the drawing, once the operator has chosen one.
+    view: Option<View>,
     /// Frame of the drawing.
     pub frame: Frame,
     /// Index of the jog step.
@@ -141,6 +167,12 @@ impl KeyState {
     #[must_use]
     pub(crate) fn new() -> Self {
         Self { step: 2, ..Self::default() }
+    }
+
+    /// View of the drawing.
+    #[must_use]
+    pub(crate) fn view(&self, model: &ScreenModel) -> View {
+        self.view.unwrap_or_else(|| View::of(model))
     }
 
     /// Notice about the last key, while it is recent.
@@ -316,12 +348,7 @@ impl KeyState {
             KeyAction::View => {
                 // Pan and zoom do not carry over to another view.
                 self.frame = Frame { fit: self.frame.fit, ..Frame::default() };
-                self.view = match self.view {
-                    View::Xy => View::Xz,
-                    View::Xz => View::Yz,
-                    View::Yz => View::Iso,
-                    View::Iso => View::Xy,
-                };
+                self.view = Some(self.view(model).next());
             }
             KeyAction::ZoomIn => self.frame.zoom_by(2.0),
             KeyAction::ZoomOut => self.frame.zoom_by(0.5),

@@ -153,6 +153,11 @@ fn normal(model: &ScreenModel) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
+    if model.hold_reason == HoldReason::None && model.spindle.gear == GearState::Engaged {
+        let what =
+            if model.switching.is_some() { "tapping: follows the spindle" } else { "in a thread: follows the spindle" };
+        return hint(HintLevel::Normal, "RUNNING", what, &[KeyAction::Hold, KeyAction::Single, KeyAction::Quit]);
+    }
     let running = [
         KeyAction::Hold,
         KeyAction::Reverse,
@@ -166,10 +171,12 @@ fn normal(model: &ScreenModel) -> StatusHint {
     ];
     match model.hold_reason {
         HoldReason::Hold if !model.at_rest => {
-            let how = if model.spindle.gear == GearState::Engaged {
-                "feed hold: finishing the thread"
-            } else {
-                "feed hold: braking on the path"
+            let how = match model.spindle.gear {
+                GearState::Engaged if model.switching.is_some() => {
+                    "feed hold: the spindle stops, the tap rests in the hole"
+                }
+                GearState::Engaged => "feed hold: finishing the thread",
+                GearState::Off | GearState::Waiting => "feed hold: braking on the path",
             };
             hint(HintLevel::Waiting, "STOPPING", how, &held)
         }

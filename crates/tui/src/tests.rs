@@ -14,7 +14,7 @@ use retrace_controller::{
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_journal::HoldReason;
-use retrace_link::CutterOffCause;
+use retrace_link::{CutterOffCause, GearState};
 
 mod arbitrary;
 
@@ -41,11 +41,15 @@ struct ScreenFixture {
 impl ScreenFixture {
     fn new() -> Self {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/02-back-up.ngc");
-        let machine = MachineConfig::built_in().expect("built in");
         let text = std::fs::read_to_string(path).expect("a text");
-        let recorded = FakePath::of(&machine, &text);
-        let facts = fake_machine::facts(&machine, path, &text, &recorded);
-        let facts = ProgramFacts { program: Text::new("02-back-up.ngc", &text), ..facts };
+        Self::of(&MachineConfig::built_in().expect("built in"), path, &text)
+    }
+
+    /// A program on this machine.
+    fn of(machine: &MachineConfig, path: &str, text: &str) -> Self {
+        let recorded = FakePath::of(machine, text);
+        let facts = fake_machine::facts(machine, path, text, &recorded);
+        let facts = ProgramFacts { program: Text::new("02-back-up.ngc", text), ..facts };
         let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts))));
         let machine = FakeMachine::new(recorded, Arc::clone(&model), 0.001);
         Self { machine, model, key_state: KeyState::new(), now_ms: 0 }
@@ -376,6 +380,51 @@ fn every_axis_says_whether_it_is_homed() {
     model.homing = vec![AxisHoming::Homed, AxisHoming::NotHomed, AxisHoming::NotNeeded];
     let shown = text(&drawn(&model, &KeyState::new(), 80, 24, 0));
     assert!(shown.contains("X ✓") && shown.contains("Y ?") && shown.contains("Z   "), "{shown}");
+}
+
+/// The drawing begins with the view in which the program is seen; `v` goes on from there.
+#[test]
+fn a_lathe_is_drawn_in_its_plane_and_a_row_of_holes_from_the_front() {
+    let axis = |name: &str| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\n\
+             max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-200, 200]\n"
+        )
+    };
+    let lathe = MachineConfig::parse(&format!("{}{}", axis("x"), axis("z")), "lathe").expect("valid");
+    let mill = MachineConfig::built_in().expect("built in");
+    for (machine, program, views) in [
+        (&lathe, "G21 G90\nG0 X20 Z5\nG1 Z-60 F300\nM2\n", ["path Z X · 65 × 20 mm", "path X Y"]),
+        (&mill, "G21 G90\nG0 X20 Z5\nG1 Z-10 F300\nM2\n", ["path X Z · 20 × 15 mm", "path Y Z"]),
+        (&mill, "G21 G90\nG0 X20 Y5\nG1 Z-10 F300\nM2\n", ["path X Y · 20 × 5 mm", "path X Z"]),
+    ] {
+        let mut bench = ScreenFixture::of(machine, "part.ngc", program);
+        for view in views {
+            let screen = text(&bench.screen(100, 30));
+            assert!(screen.contains(view), "no `{view}` in\n{screen}");
+            bench.keys("v");
+        }
+    }
+}
+
+/// In a thread and in a tap the keys are offered that have an effect there.
+#[test]
+fn no_key_is_offered_in_a_thread_that_is_refused_there() {
+    let bench = ScreenFixture::new();
+    let mut model = bench.picture();
+    (model.stage, model.mode, model.at_rest) = (ScreenStage::Job, Mode::Run, false);
+    model.spindle.gear = GearState::Engaged;
+    for (switching, hold_reason, words) in [
+        (None, HoldReason::None, "in a thread: follows the spindle"),
+        (Some("rigid tap"), HoldReason::None, "tapping: follows the spindle"),
+        (None, HoldReason::Hold, "feed hold: finishing the thread"),
+        (Some("rigid tap"), HoldReason::Hold, "feed hold: the spindle stops, the tap rests in the hole"),
+    ] {
+        (model.switching, model.hold_reason) = (switching, hold_reason);
+        let screen = text(&drawn(&model, &bench.key_state, 100, 30, 0));
+        assert!(screen.contains(words), "no `{words}` in\n{screen}");
+        assert!(hold_reason != HoldReason::None || !screen.contains("r reverse"), "{screen}");
+    }
 }
 
 /// From hold to reverse run, handwheel and back: what a person reads and presses, and that the machine returns to the

@@ -107,6 +107,27 @@ fn a_start_line_behind_threads_does_not_cut_them() {
     }
 }
 
+/// A resumed job starts its spindle again, and waits for its speed before it moves (SPN-6).
+#[test]
+fn a_resumed_job_waits_for_its_spindle() {
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    bench.file("part.ngc", "G21 G90\nS600 M3\nG1 X50 F600\nM5\nM2\n");
+    bench.file("stop.op", "at 2s stop\n");
+    let stopped = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--operator", "stop.op", "--json"]);
+    assert_eq!(stopped.code, Some(4), "{}{}", stopped.out, stopped.err);
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    let period = |kind: &str| {
+        let events = resumed.out.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        let event = events.into_iter().find(|event| event["event"] == kind && event["code"] == "M3");
+        event.and_then(|event| event["period"].as_u64()).unwrap_or_else(|| panic!("{kind}: {}", resumed.out))
+    };
+    // 600 turns a minute take 0.2 s, and they are watched for 0.1 s.
+    let waited = period("restart_switched") - period("restart_switching");
+    assert!((250..1000).contains(&waited), "{waited}");
+}
+
 /// The screen shows the codes of the thread while it is cut, and not those of the block behind it.
 #[test]
 fn the_screen_shows_the_thread_that_is_cut() {

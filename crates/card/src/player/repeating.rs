@@ -24,7 +24,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             self.start_alarm = Some(alarm);
             return Ok(());
         }
-        self.switching.repeat(repeated, &mut self.outputs, &mut self.layer)?;
+        let has_encoder = self.followed.first().is_some_and(|followed| followed.monitor.settings().is_some());
+        self.switching.repeat(repeated, &mut self.outputs, &mut self.layer, has_encoder)?;
         if let MotionBlock::Restart { begun, .. } = &mut self.block {
             *begun = true;
         }

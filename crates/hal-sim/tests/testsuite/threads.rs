@@ -6,8 +6,8 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Flags, Rate, Record, RecordIndex};
 use retrace_hal_sim::{Clock, PlantSettings, Random, SimCard, SimCardError, SpindleSimulation};
 use retrace_link::{
-    Alarm, CardSettings, GearStart, GearState, HostCommand, InputSetting, InputUse, Instruction, MotionCard,
-    OutputChange, PathStart, SpindleControl, SpindleSettings, SpindleTask, channel,
+    Alarm, CardSettings, GearStart, GearState, HostCommand, InputSetting, InputUse, Instruction, MAX_CHANGES,
+    MotionCard, OutputChange, PathStart, RepeatedInstruction, SpindleControl, SpindleSettings, SpindleTask, channel,
 };
 
 mod taps;
@@ -308,6 +308,51 @@ fn the_brake_is_the_spindle_and_a_spindle_at_rest_moves_nothing() {
         let _ = bench.period();
     }
     assert_eq!(bench.card.status().counts[0], stopped, "switched on at another angle");
+}
+
+/// A restart that switches the spindle on, or changes its speed, is complete once it is at speed; nothing moves before
+/// (SPN-6). A spindle that does not come to its speed is an alarm.
+#[test]
+fn a_restart_waits_for_the_speed_of_the_spindle() {
+    let (spindle, speed) = ((channel::SPINDLE, 1), (channel::SPEED, 1_000_000));
+    for (first, repeated, is_stalled) in
+        [(speed, spindle, false), (spindle, speed, false), (speed, spindle, true), (spindle, speed, true)]
+    {
+        let mut bench = Bench::new(CASE, STEADY);
+        let change = |(channel, value): (u8, i32)| OutputChange { channel, value };
+        bench.card.send(HostCommand::ManualOutput(change(first))).expect("a channel");
+        bench.card.run_period().expect("no alarm");
+        bench.card.machine().spindle().expect("a spindle").set_stalled(is_stalled);
+        for number in 0..200 {
+            let (place, record) = (RecordIndex::new(number), Record { increments: [1], ..Record::default() });
+            bench.card.send(HostCommand::Ahead { place, record }).expect("there is room");
+        }
+        bench.card.send(HostCommand::Restart { last: 1 }).expect("at rest");
+        let mut changes = [OutputChange::default(); MAX_CHANGES];
+        changes[0] = change(repeated);
+        let repeat = RepeatedInstruction { number: 1, changes, count: 1, ..RepeatedInstruction::default() };
+        bench.card.send(HostCommand::Repeat(repeat)).expect("the next one");
+        bench.card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        let mut periods = 0;
+        let alarm = loop {
+            if let Err(alarm) = bench.card.run_period() {
+                break Some(alarm);
+            }
+            if bench.card.status().counts[0] > 0 {
+                break None;
+            }
+            periods += 1;
+            assert!(periods < 20_000, "neither an alarm nor motion");
+        };
+        let rpm = bench.card.machine().spindle().expect("a spindle").speed_rpm();
+        if is_stalled {
+            assert_eq!(alarm, Some(SimCardError::Alarm(Alarm::NotAtSpeed)));
+            assert_eq!(bench.card.status().counts[0], 0);
+        } else {
+            // 30 % of 1000 turns a minute are allowed, for 0.1 s.
+            assert!(alarm.is_none() && rpm > 700.0 && periods > 100, "{alarm:?} {rpm} {periods}");
+        }
+    }
 }
 
 /// After an alarm that was cleared, a spindle that is switched on moves no axis.

@@ -82,7 +82,7 @@ pub(crate) fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, 
     draw_header(out, panes.head, model, &hint, theme);
     draw_reason(out, panes.why, &hint, theme);
     listing::program(out, panes.program, model, theme);
-    path::draw(out, panes.path, model, (key_state.view, key_state.frame), theme);
+    path::draw(out, panes.path, model, (key_state.view(model), key_state.frame), theme);
     readouts::position(out, panes.position, model, key_state, theme);
     readouts::motion(out, panes.motion, model, theme);
     readouts::state(out, panes.state, model, key_state, theme);

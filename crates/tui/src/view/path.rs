@@ -25,6 +25,7 @@ fn seen(view: View, at: [f32; 3]) -> [f64; 2] {
         View::Yz => [y, z],
         // isometric, from the front right
         View::Iso => [(x - y) * 0.866, (x + y) * 0.5 + z],
+        View::Zx => [z, x],
     }
 }
 
@@ -93,6 +94,7 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, fra
         View::Xz => "path X Z",
         View::Yz => "path Y Z",
         View::Iso => "path, isometric",
+        View::Zx => "path Z X",
     };
     let mut corners = vec![model.in_space()];
     for extent in [model.facts.preview.path.extent(), model.trail.extent()].into_iter().flatten() {
