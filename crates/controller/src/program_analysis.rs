@@ -410,6 +410,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         self.straight(tap.depth_mm, feed, PathMode::ExactStop, tap.line)?;
         self.straight(tap.from_mm, feed, PathMode::ExactStop, tap.line)?;
         self.rest();
+        self.barriers.insert(BarrierLine { line: tap.line, code: "rigid tap" });
         Ok(())
     }
 

@@ -67,6 +67,26 @@ fn holes_are_tapped_to_their_depth_and_left_where_they_began() {
     }
 }
 
+/// `check` tells the way to the pitch, and that a tap is a barrier; reverse run ends there, and goes forward again
+/// without tapping once more. A start line behind a tap leaves it out.
+#[test]
+fn reverse_run_ends_at_a_tap_and_a_start_behind_it_leaves_it_out() {
+    let program = "G21 G90\nS600 M3\nG0 X5 Z3\nG33.1 Z-12 K1\nG0 X10\nG1 X40 F600\nM5\nM2\n";
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    bench.file("part.ngc", program);
+    let checked = bench.retrace(["check", "part.ngc", "--machine", "m.toml"]);
+    for words in ["cannot be passed backward: rigid tap", "threads: line 4: run-in "] {
+        assert!(checked.code == Some(0) && checked.out.contains(words), "{words}: {}{}", checked.out, checked.err);
+    }
+    let (run, samples) = run(ENCODER, program, "at 5s hold\nafter 0.5s reverse 100%\nafter 3s forward 100%\n");
+    assert_eq!((&run.report["outcome"], run.counts()), (&"completed".into(), vec![40_000, 0, 3_000]));
+    assert!(run.of_kind("retrace_barrier").any(|event| event["code"] == "rigid tap"), "{}", run.output.out);
+    assert_eq!(holes(&samples, 0).len(), 1);
+    let behind = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--start-line", "5", "--json"]);
+    assert!(behind.code == Some(0) && !behind.out.contains("rigid tap"), "{}{}", behind.out, behind.err);
+}
+
 /// With the turns that the reversal takes, the turn is at the depth.
 #[test]
 fn a_tap_that_is_reversed_early_turns_at_its_depth() {
