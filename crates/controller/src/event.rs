@@ -168,6 +168,11 @@ pub enum EventKind {
         /// Counts of the axes.
         counts: AxisCounts,
     },
+    /// A rigid tap is complete: the turns of the spindle from the command to reverse it until it stood.
+    Tapped {
+        /// The turns.
+        reversal_turns: f64,
+    },
     /// Outputs were restored to what the program expects.
     OutputsRestored,
     /// The tool was lifted off the sheet where a cut was interrupted (CUT-31).
@@ -343,6 +348,7 @@ impl Event {
             EventKind::Probed { touched, counts } => {
                 json!({"event": "probed", "touched": touched, "counts": counts.get()})
             }
+            EventKind::Tapped { reversal_turns } => json!({"event": "tapped", "reversal_turns": reversal_turns}),
             EventKind::ToolLifted => json!({"event": "tool_lifted"}),
             EventKind::OutputsRestored => json!({"event": "outputs_restored"}),
             EventKind::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
@@ -455,6 +461,9 @@ impl Event {
             EventKind::Operator(command) => format!("operator: {command}"),
             EventKind::Probed { touched: true, counts } => format!("the probe responded at counts {:?}", counts.get()),
             EventKind::Probed { touched: false, .. } => "the probe did not respond up to the end of the move".into(),
+            EventKind::Tapped { reversal_turns } => {
+                format!("tapped; the spindle took {reversal_turns:.2} turns to reverse")
+            }
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
             EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),

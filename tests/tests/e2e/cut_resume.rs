@@ -191,17 +191,20 @@ fn power_failed(
     let whole = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
     let _ = Run::of(&bench, std::path::Path::new("part.ngc"), &whole);
     let vcd = bench.path("pins.vcd").display().to_string();
-    let (file, speed) = (bench.path("m.toml").display().to_string(), SPEED.to_string());
+    // A host that is late by 25 ms of the card's time behind M3 loses the cut: half as fast, that is seldom.
+    let (file, speed) = (bench.path("m.toml").display().to_string(), (SPEED / 2.0).to_string());
     let card = ["--machine", &file, "--vcd", &vcd, "--speed", &speed, "--source-faults", faults];
     let mut card = ServedCard::with(&card);
     card.home(&bench).expect("it is homed");
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json", "--operator", "first.op"];
     let mut host = bench.start(&run, Stdio::null(), "killed.txt");
     while !std::fs::read_to_string(bench.path("killed.txt")).is_ok_and(|text| text.contains(told)) {
-        assert!(host.try_wait().expect("a child").is_none(), "it ends before {told}");
+        let ended = host.try_wait().expect("a child");
+        let so_far = || std::fs::read_to_string(bench.path("killed.txt")).unwrap_or_default();
+        assert!(ended.is_none(), "it ends before {told}: {}", so_far());
         thread::sleep(Duration::from_millis(1));
     }
-    thread::sleep(Duration::from_millis(delay_ms));
+    thread::sleep(Duration::from_millis(2 * delay_ms));
     card.operate("power off");
     host.kill().expect("it is killed");
     host.wait().expect("it ends");

@@ -9,6 +9,7 @@ use retrace_tests::command::Bench;
 use retrace_tests::pins::{self, Sample};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
+use serde_json::Value;
 
 const ENCODER: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\n";
 const RIGID: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\ntapping = \"rigid\"\n";
@@ -57,7 +58,14 @@ fn holes_are_tapped_to_their_depth_and_left_where_they_began() {
         let (run, samples) = run(machine, &program, "");
         assert_eq!((&run.report["outcome"], run.counts()), (&"completed".into(), vec![0, 0, 10_000]), "{program}");
         assert_eq!(run.number("limit_violations") + run.number("underruns"), 0.0);
+        let turns = |event: &Value| event["reversal_turns"].as_f64().expect("a number");
+        let reversals: Vec<f64> = run.of_kind("tapped").map(turns).collect();
         let holes = holes(&samples, 0);
+        // Told in turns, which are millimetres here, it is what the hole is deeper.
+        for (turns, z) in reversals.iter().zip(&holes) {
+            assert!((turns * 1000.0 + (z + 12_000) as f64).abs() <= 30.0, "{turns} {z} {program}");
+        }
+        assert_eq!(reversals.len(), holes.len());
         // What the drive needs to reverse 600 turns a minute is below the depth.
         assert!(holes.len() == 2 && holes.iter().all(|z| (-13_050..=-12_000).contains(z)), "{holes:?} {program}");
         let above = samples.iter().position(|sample| sample.counts[2] >= 2_900).expect("it rises first");

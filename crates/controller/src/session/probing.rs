@@ -12,7 +12,7 @@ use std::sync::mpsc::SyncSender;
 use retrace_config::MachineConfig;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_journal::{ProbeAnswer, ProgramAnswer, TapAnswer};
-use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch};
+use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch, SpindleControl};
 
 use super::{Outcome, Session};
 use crate::dnc_events::AxisCounts;
@@ -227,12 +227,22 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn answer_off_path(&mut self) -> Result<(), CardError> {
         match self.probing.current.as_ref().map(|current| (current.question, current.place)) {
             Some((OffPathMove::Probe(question), _)) => self.answer_probing(question),
-            Some((OffPathMove::Tap(_), place)) => {
-                let (place, turned) = (place.number(), self.probing.turned);
-                self.probing.send(ProgramAnswer::Tap(TapAnswer { block: 0, place, turned }))
-            }
+            Some((OffPathMove::Tap(question), place)) => self.answer_tap(&question, place),
             None => Ok(()),
         }
+    }
+
+    fn answer_tap(&mut self, question: &TapQuestion, place: RecordIndex) -> Result<(), CardError> {
+        let (turned, gear) = (self.probing.turned, question.gear);
+        let answer = TapAnswer { block: 0, place: place.number(), turned };
+        self.probing.send(ProgramAnswer::Tap(answer))?;
+        if let SpindleControl::Tap(reversed) = gear.control {
+            let records = f64::from(turned) - f64::from(reversed);
+            let reversal_turns = records.max(0.0) / f64::from(gear.records_per_turn.max(1));
+            let line = self.probing.line().unwrap_or_default();
+            self.emit_at_place(line, Place::start_of(place), EventKind::Tapped { reversal_turns });
+        }
+        Ok(())
     }
 
     fn answer_probing(&mut self, question: ProbeMove) -> Result<(), CardError> {
