@@ -182,6 +182,52 @@ fn a_tap_is_cut_once_and_a_job_that_was_left_in_one_is_not_resumed() {
     assert!(refused.code != Some(0) && refused.err.contains("E2219"), "{}{}", refused.out, refused.err);
 }
 
+/// A job that was stopped behind a tap can be stopped again before it moves, and is resumed all the same: the tap is
+/// done.
+#[test]
+fn a_job_that_was_stopped_behind_a_tap_is_resumed_more_than_once() {
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X5 Z3\nG33.1 Z-12 K1\nG0 X10\nM5\nM2\n");
+    bench.file("late.op", "at 1.5s stop\n");
+    bench.file("soon.op", "at 0.001s stop\n");
+    let run = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--operator", "late.op", "--json"]);
+    assert_eq!(run.code, Some(4), "{}{}", run.out, run.err);
+    for (script, code) in [("soon.op", 4), ("soon.op", 4), ("none.op", 0)] {
+        bench.file("none.op", "");
+        let resumed = bench.retrace(["resume", "--yes", "--operator", script, "--json"]);
+        assert_eq!(resumed.code, Some(code), "{script}: {}{}", resumed.out, resumed.err);
+        assert!(!resumed.out.contains("\"tapped\""), "it taps again: {}", resumed.out);
+    }
+}
+
+/// A stop while the spindle is awaited begins no tap.
+#[test]
+fn a_stop_before_a_tap_has_begun_begins_none() {
+    // The spindle needs 0.3 s to 3000 turns a minute, and is watched for 2 s.
+    let patient = format!("{ENCODER}at_speed_ms = 2000\n");
+    let (run, samples) = run(&patient, TAPS, "at 1s stop\n");
+    assert_eq!(run.report["outcome"], "stopped");
+    assert!(samples.iter().all(|sample| sample.counts[2] >= 0), "{:?}", run.counts());
+}
+
+/// Over a line, deeper than the card holds records: they come back from the host on the way out.
+#[test]
+fn a_tap_deeper_than_the_window_of_the_card_comes_back_over_the_line() {
+    let bench = Bench::new();
+    let machine = bench.file("m.toml", format!("[card]\nwatchdog_ms = 2000\n{ENCODER}")).display().to_string();
+    bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X5 Z3\nG33.1 Z-80 K1\nG0 X10\nM5\nM2\n");
+    let vcd = bench.path("card.vcd");
+    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "4"]);
+    let run = bench.retrace(["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"]);
+    assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
+    let _ = card.end();
+    let samples = pins::samples(&vcd);
+    let holes = holes(&samples, 0);
+    assert!(holes.len() == 1 && (-81_100..=-80_000).contains(&holes[0]), "{holes:?}");
+    assert_eq!(samples.last().map(|sample| sample.counts[..3].to_vec()), Some(vec![10_000, 0, 3_000]));
+}
+
 /// Whatever ends a tap early: the spindle is off, the machine is at rest inside of it, and nothing moves it afterwards,
 /// also not a spindle that is turned by hand. The job is not resumed inside.
 #[test]

@@ -56,7 +56,10 @@ impl<const A: usize> PlanWriter<'_, A> {
         let begins = RigidTap { from_mm: self.planner.commanded_mm(), ..*tap };
         let Some(tap) = begins.counted(machine, self.next_mark.counts) else { return Ok(()) };
         let plan = tap.plan::<A>(machine, encoder).map_err(|error| PlanWriteError::of_thread(error, line))?;
-        self.index.write(IndexEntry::Tap(TapBegin { place: self.ring.write().number(), line }));
+        // One that an earlier run has answered does not begin.
+        if self.answers.replayed.is_empty() {
+            self.index.write(IndexEntry::Tap(TapBegin { place: self.ring.write().number(), line }));
+        }
         let question = Question::Tap(TapQuestion { tap, gear: plan.gear });
         let ProgramAnswer::Tap(_) = self.ask(question, line)? else { return Err(PlanWriteError::AnswerMismatch) };
         // A hole is tapped once: nothing is reversed over it. The motion path goes on once it has this.

@@ -12,7 +12,9 @@ use std::sync::mpsc::SyncSender;
 use retrace_config::MachineConfig;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_journal::{ProbeAnswer, ProgramAnswer, TapAnswer};
-use retrace_link::{CardStatus, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch, SpindleControl};
+use retrace_link::{
+    CardStatus, GearState, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch, SpindleControl,
+};
 
 use super::{Outcome, Session};
 use crate::dnc_events::AxisCounts;
@@ -167,8 +169,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let (Some(current), Some(hand)) = (&mut self.probing.current, &mut self.dnc.jog_planner)
             && let Some(trip) = &mut current.trip
         {
-            // A stop lets a tap come out first, as a thread is finished, unless it is held: then the tool stays there.
-            let comes_out = matches!(current.question, OffPathMove::Tap(_)) && !trip.is_held();
+            // A stop lets a tap come out first, as a thread is finished, once the tool is on its way, and unless it is
+            // held: then it stays where it is.
+            let has_begun = self.probing.turned > 0 || self.card.status().spindle.gear == GearState::Engaged;
+            let comes_out = matches!(current.question, OffPathMove::Tap(_)) && has_begun && !trip.is_held();
             if !(is_stopping && comes_out) {
                 trip.hold(is_held);
                 if is_stopping {
