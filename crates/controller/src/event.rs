@@ -173,6 +173,8 @@ pub enum EventKind {
         /// The turns.
         reversal_turns: f64,
     },
+    /// The job ended before a rigid tap that was due had begun.
+    TapNotBegun,
     /// Outputs were restored to what the program expects.
     OutputsRestored,
     /// The tool was lifted off the sheet where a cut was interrupted (CUT-31).
@@ -349,6 +351,7 @@ impl Event {
                 json!({"event": "probed", "touched": touched, "counts": counts.get()})
             }
             EventKind::Tapped { reversal_turns } => json!({"event": "tapped", "reversal_turns": reversal_turns}),
+            EventKind::TapNotBegun => json!({"event": "tap_not_begun"}),
             EventKind::ToolLifted => json!({"event": "tool_lifted"}),
             EventKind::OutputsRestored => json!({"event": "outputs_restored"}),
             EventKind::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
@@ -464,6 +467,7 @@ impl Event {
             EventKind::Tapped { reversal_turns } => {
                 format!("tapped; the spindle took {reversal_turns:.2} turns to reverse")
             }
+            EventKind::TapNotBegun => "the tap was not begun".into(),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
             EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),

@@ -223,6 +223,8 @@ impl JobRecord {
                     self.interrupted_cut = Some(cut);
                 } else if event["event"] == "cut_continued" {
                     self.interrupted_cut = None;
+                } else if event["event"] == "tap_not_begun" {
+                    self.tap = None;
                 } else if let Some(is_on) = optional_stop(&event) {
                     self.optional_stop = Some(is_on);
                 }

@@ -91,6 +91,11 @@ impl<const A: usize> ProgramProbing<A> {
         self.current.is_some()
     }
 
+    /// Whether the tap in progress is, or was, on its way.
+    fn has_begun(&self, status: &CardStatus<A>) -> bool {
+        self.turned > 0 || status.spindle.gear == GearState::Engaged
+    }
+
     /// Program line of the move in progress.
     pub(super) fn line(&self) -> Option<u32> {
         self.current.as_ref().map(|current| current.line)
@@ -166,13 +171,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.apply_commands();
         let is_held = self.mode_controller.is_held();
         let is_stopping = self.phase.is_stopping();
+        let has_begun = self.probing.has_begun(self.card.status());
         if let (Some(current), Some(hand)) = (&mut self.probing.current, &mut self.dnc.jog_planner)
             && let Some(trip) = &mut current.trip
         {
             // A stop lets a tap come out first, as a thread is finished, once the tool is on its way, and unless it is
             // held: then it stays where it is.
-            let has_begun = self.probing.turned > 0 || self.card.status().spindle.gear == GearState::Engaged;
-            let comes_out = matches!(current.question, OffPathMove::Tap(_)) && has_begun && !trip.is_held();
+            let is_tap = matches!(current.question, OffPathMove::Tap(_));
+            let comes_out = is_tap && has_begun && !trip.is_held();
             if !(is_stopping && comes_out) {
                 trip.hold(is_held);
                 if is_stopping {
@@ -184,8 +190,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 Some(ManualMoveEnd::NotPlanned) => {
                     return Err(fault("E3031", "the move could not be planned", "please report this"));
                 }
+                // It stays in progress: the periods to the end of the job are none of the path.
                 Some(ManualMoveEnd::Stopped) => {
-                    self.probing.current = None;
+                    self.tell_tap_not_begun();
                     return Ok(Some(Outcome::Stopped));
                 }
                 Some(ManualMoveEnd::Completed) => {
@@ -209,7 +216,22 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.account_probing_period(&status);
         let outcome = self.alarm(&status);
+        if outcome.is_some() {
+            self.tell_tap_not_begun();
+        }
         Ok(outcome.or_else(|| self.is_abandoned().then_some(Outcome::Stopped)))
+    }
+
+    /// Tells that the tap that is due has not begun, where the job ends. Nothing begins it any more: the card requests
+    /// no motion.
+    fn tell_tap_not_begun(&mut self) {
+        let has_begun = self.probing.has_begun(self.card.status());
+        if let Some(CurrentProbing { question: OffPathMove::Tap(_), line, place, trip: Some(_), .. }) =
+            self.probing.current
+            && !has_begun
+        {
+            self.emit_at_place(line, Place::start_of(place), EventKind::TapNotBegun);
+        }
     }
 
     /// Counts and reports a period of a probing move.

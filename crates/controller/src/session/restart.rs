@@ -359,7 +359,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             // What a card that fails reports is not known.
             let Ok(status) = self.card.run_period() else { return Ok(()) };
             let status = *status;
-            if self.dnc.is_off_path() {
+            if self.dnc.is_off_path() || self.probing.is_active() {
                 self.account_off_path_period(&status);
             } else {
                 self.account_period(&status);

@@ -46,6 +46,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::OutputsRestored,
         EventKind::Probed { touched: true, counts },
         EventKind::Tapped { reversal_turns: 1.25 },
+        EventKind::TapNotBegun,
         EventKind::ToolLifted,
         EventKind::RestartSwitching("M3"),
         EventKind::RestartSwitched("M3"),
@@ -106,7 +107,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
-            EventKind::ToolLifted | EventKind::Probed { .. } | EventKind::Tapped { .. } => {}
+            EventKind::ToolLifted | EventKind::Probed { .. } | EventKind::Tapped { .. } | EventKind::TapNotBegun => {}
             EventKind::LossWatch { .. } => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
