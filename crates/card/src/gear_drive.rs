@@ -239,7 +239,7 @@ impl GearDrive {
 
     /// Ends the stretch by an alarm: the cursor follows the spindle until both rest, and moves no more.
     pub fn halt(&mut self) {
-        (self.is_halted, self.behind) = (true, BehindStretch::Free);
+        (self.is_halted, self.follows_by_hand, self.behind) = (true, false, BehindStretch::Free);
         self.forget_passed();
     }
 
@@ -277,6 +277,7 @@ impl GearDrive {
         self.course = self.next_course(&stretch, request, spindle);
         let changed = (self.course != before).then(|| stretch.spindle_values(self.course));
         let is_on = spindle.direction() != 0;
+        self.follows_by_hand &= !is_on;
         let timeout = spindle.settings().map_or(0, |of| of.timeout_periods);
         let reversal = spindle.reversal_periods();
         let gear = self.engaged.as_mut()?;

@@ -262,6 +262,64 @@ fn the_spindle_turned_by_hand_backs_a_tap_out() {
     }
 }
 
+/// An alarm ends following by hand: the axes follow the turn that is in progress, and none after it.
+#[test]
+fn an_alarm_ends_following_by_hand() {
+    let mut tap = HeldBench::tap(ThreadCase { pitch: 1000.0, rpm: 300.0, turns: 8, ..CASE }, STEADY);
+    tap.begin(1);
+    tap.run_until(|status| status.counts[0] > 5000);
+    tap.request(Rate::ZERO);
+    tap.run_until(|status| status.at_rest);
+    tap.bench.card.send(HostCommand::FollowSpindle { on: true }).expect("it rests");
+    tap.spindle().turn_by_hand(-1.0);
+    for _ in 0..500 {
+        tap.period().expect("no alarm");
+    }
+    tap.bench.card.machine().set_input(EMERGENCY_STOP, true);
+    for _ in 0..5000 {
+        let _ = tap.period();
+    }
+    let rests = tap.bench.card.status().counts[0];
+    assert!(tap.bench.card.status().at_rest);
+    tap.bench.card.machine().set_input(EMERGENCY_STOP, false);
+    for is_cleared in [false, true] {
+        if is_cleared {
+            tap.bench.card.send(HostCommand::ClearAlarm).expect("its cause is gone");
+        }
+        tap.spindle().turn_by_hand(-0.5);
+        for _ in 0..3000 {
+            let _ = tap.bench.card.run_period();
+            assert_eq!(tap.bench.card.status().counts[0], rests, "cleared: {is_cleared}");
+        }
+    }
+}
+
+/// Following by hand ends where the spindle is switched on again: held once more, a turn by hand moves nothing.
+#[test]
+fn a_spindle_that_is_switched_on_ends_following_by_hand() {
+    let mut tap = HeldBench::tap(ThreadCase { pitch: 1000.0, rpm: 300.0, turns: 20, ..CASE }, STEADY);
+    tap.begin(1);
+    tap.run_until(|status| status.counts[0] > 5000);
+    tap.request(Rate::ZERO);
+    tap.run_until(|status| status.at_rest);
+    tap.bench.card.send(HostCommand::FollowSpindle { on: true }).expect("it rests");
+    tap.spindle().turn_by_hand(-0.5);
+    for _ in 0..3000 {
+        tap.period().expect("no alarm");
+    }
+    let backed = tap.bench.card.status().counts[0];
+    tap.request(Rate::ONE);
+    tap.run_until(|status| status.counts[0] > backed + 2000);
+    tap.request(Rate::ZERO);
+    tap.run_until(|status| status.at_rest);
+    let rests = tap.bench.card.status().counts[0];
+    tap.turn_away(0.05);
+    assert_eq!(tap.bench.card.status().counts[0], rests);
+    tap.turn_away(-0.05);
+    tap.request(Rate::ONE);
+    tap.complete();
+}
+
 /// What ends a tap early is an alarm with the spindle off: a drive that does not reverse it in time, an encoder that
 /// dies at the turn, a spindle that does not start again.
 #[test]
