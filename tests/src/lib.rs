@@ -9,6 +9,7 @@ pub mod command;
 pub mod cut_judge;
 pub mod cut_part;
 pub mod cutter_observer;
+pub mod geared_job;
 pub mod json_page;
 pub mod limits;
 pub mod not_run;

@@ -278,7 +278,8 @@ fn start_error(why: JobStartError) -> NumberedError {
         JobStartError::Resume(why @ ResumeError::InThread { .. }) => NumberedError::new(
             "E2219",
             why.to_string(),
-            "move the tool clear of the work, then begin before the thread: `retrace resume JOB --from-line N`",
+            "take a tap out of its holder, move the tool clear of the work, then begin before the thread: \
+             `retrace resume JOB --from-line N`",
         ),
         JobStartError::Resume(why) => NumberedError::new(
             "E2216",

@@ -143,7 +143,32 @@ fn resuming(model: &ScreenModel) -> StatusHint {
     }
 }
 
+/// In a thread or a tap: the keys that have an effect there.
+fn geared(model: &ScreenModel) -> Option<StatusHint> {
+    let is_tap = model.switching.is_some();
+    let words = match (model.hold_reason, model.at_rest) {
+        _ if model.spindle.gear != GearState::Engaged => return None,
+        (HoldReason::None, _) => {
+            let what = if is_tap { "tapping: follows the spindle" } else { "in a thread: follows the spindle" };
+            return Some(hint(
+                HintLevel::Normal,
+                "RUNNING",
+                what,
+                &[KeyAction::Hold, KeyAction::Single, KeyAction::Quit],
+            ));
+        }
+        (HoldReason::Hold, false) if is_tap => ("STOPPING", "feed hold: the spindle stops, the tap rests in the hole"),
+        (HoldReason::Hold, false) => ("STOPPING", "feed hold: finishing the thread"),
+        (HoldReason::Hold, true) if is_tap => ("FEED HOLD", "the tap rests in the hole; cycle start goes on"),
+        _ => return None,
+    };
+    Some(hint(HintLevel::Waiting, words.0, words.1, &[KeyAction::CycleStart, KeyAction::Quit]))
+}
+
 fn normal(model: &ScreenModel) -> StatusHint {
+    if let Some(hint) = geared(model) {
+        return hint;
+    }
     let held = [
         KeyAction::CycleStart,
         KeyAction::Reverse,
@@ -153,11 +178,6 @@ fn normal(model: &ScreenModel) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
-    if model.hold_reason == HoldReason::None && model.spindle.gear == GearState::Engaged {
-        let what =
-            if model.switching.is_some() { "tapping: follows the spindle" } else { "in a thread: follows the spindle" };
-        return hint(HintLevel::Normal, "RUNNING", what, &[KeyAction::Hold, KeyAction::Single, KeyAction::Quit]);
-    }
     let running = [
         KeyAction::Hold,
         KeyAction::Reverse,
@@ -171,14 +191,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
     ];
     match model.hold_reason {
         HoldReason::Hold if !model.at_rest => {
-            let how = match model.spindle.gear {
-                GearState::Engaged if model.switching.is_some() => {
-                    "feed hold: the spindle stops, the tap rests in the hole"
-                }
-                GearState::Engaged => "feed hold: finishing the thread",
-                GearState::Off | GearState::Waiting => "feed hold: braking on the path",
-            };
-            hint(HintLevel::Waiting, "STOPPING", how, &held)
+            hint(HintLevel::Waiting, "STOPPING", "feed hold: braking on the path", &held)
         }
         HoldReason::Hold if model.cutter_is_off => {
             let actions = [

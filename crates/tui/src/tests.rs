@@ -414,16 +414,16 @@ fn no_key_is_offered_in_a_thread_that_is_refused_there() {
     let mut model = bench.picture();
     (model.stage, model.mode, model.at_rest) = (ScreenStage::Job, Mode::Run, false);
     model.spindle.gear = GearState::Engaged;
-    for (switching, hold_reason, words) in [
-        (None, HoldReason::None, "in a thread: follows the spindle"),
-        (Some("rigid tap"), HoldReason::None, "tapping: follows the spindle"),
-        (None, HoldReason::Hold, "feed hold: finishing the thread"),
-        (Some("rigid tap"), HoldReason::Hold, "feed hold: the spindle stops, the tap rests in the hole"),
+    for (switching, hold_reason, at_rest, words) in [
+        (None, HoldReason::None, false, "in a thread: follows the spindle"),
+        (Some("rigid tap"), HoldReason::None, false, "tapping: follows the spindle"),
+        (None, HoldReason::Hold, false, "feed hold: finishing the thread"),
+        (Some("rigid tap"), HoldReason::Hold, false, "feed hold: the spindle stops, the tap rests in the hole"),
+        (Some("rigid tap"), HoldReason::Hold, true, "the tap rests in the hole; cycle start goes on"),
     ] {
-        (model.switching, model.hold_reason) = (switching, hold_reason);
+        (model.switching, model.hold_reason, model.at_rest) = (switching, hold_reason, at_rest);
         let screen = text(&drawn(&model, &bench.key_state, 100, 30, 0));
-        assert!(screen.contains(words), "no `{words}` in\n{screen}");
-        assert!(hold_reason != HoldReason::None || !screen.contains("r reverse"), "{screen}");
+        assert!(screen.contains(words) && !screen.contains("r reverse"), "no `{words}` in\n{screen}");
     }
 }
 

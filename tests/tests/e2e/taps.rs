@@ -1,11 +1,7 @@
 //! Rigid taps by the command: G33.1, and G84 and G74 with `tapping = "rigid"` (SPN-19).
 
-use std::fs;
-use std::process::Stdio;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
-
 use retrace_tests::command::Bench;
+use retrace_tests::geared_job::{EarlyEnd, assert_refused, end_early};
 use retrace_tests::pins::{self, Sample};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -124,16 +120,7 @@ fn what_cannot_be_tapped_is_refused_before_anything_moves() {
         (&stiff, "S600 M3\nG33.1 Z-12 K1", "E4326"),
         (ENCODER, "S600 M3\nG33.1 Z-900 K1", "E4325"),
     ] {
-        let bench = Bench::new();
-        bench.file("m.toml", machine);
-        bench.file("part.ngc", format!("G21 G90\n{program}\nM2\n"));
-        for command in ["check", "run"] {
-            let result = bench.retrace([command, "part.ngc", "--machine", "m.toml", "--json"]);
-            let told = format!("{}{}", result.out, result.err);
-            assert!(result.code == Some(1) && told.contains(number), "{command} {program}: {told}");
-            assert!(told.contains("part.ngc:3:") || told.contains("\"line\":3"), "{command} {program}: {told}");
-            assert!(!result.out.contains("\"started\""), "{told}");
-        }
+        assert_refused(machine, program, number);
     }
 }
 
@@ -250,41 +237,10 @@ fn whatever_ends_a_tap_early_leaves_the_spindle_off_and_the_machine_at_rest() {
     for (event, number) in
         [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("kill", ""), ("power off", "")]
     {
-        let bench = Bench::new();
-        let stop = "[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
-        let machine = bench.file("m.toml", format!("{stop}{ENCODER}")).display().to_string();
-        bench.file("part.ngc", &program);
-        let vcd = bench.path("card.vcd");
-        let mut card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string()]);
-        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
-        let mut child = bench.start(&run, Stdio::null(), "run.txt");
-        let begun = Instant::now();
-        while !fs::read_to_string(bench.path("run.txt")).unwrap_or_default().contains("rigid tap\"") {
-            assert!(begun.elapsed() < Duration::from_secs(50), "the tap begins");
-            sleep(Duration::from_millis(2));
-        }
-        sleep(Duration::from_millis(1500));
-        match event {
-            "kill" => child.kill().expect("it is killed"),
-            event => card.operate(event),
-        }
-        sleep(Duration::from_millis(1000));
-        if event == "power off" {
-            card.operate("power on");
-            sleep(Duration::from_millis(500));
-        }
-        let _ = child.kill();
-        child.wait().expect("it ends");
-        let told = fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
-        assert!(told.contains(number), "{event}: {told}");
-        card.operate("spindle turn 0.4");
-        sleep(Duration::from_millis(1200));
-        if event == "kill" {
-            let refused = bench.retrace(["resume", "--yes", "--json"]);
+        let EarlyEnd { samples, resumed } = end_early(ENCODER, &program, ("rigid tap\"", 1500), (event, number));
+        if let Some(refused) = resumed {
             assert!(refused.code != Some(0) && refused.err.contains("E2219"), "{}{}", refused.out, refused.err);
         }
-        let _ = card.end();
-        let samples = pins::samples(&vcd);
         let last = samples.last().expect("a trace");
         assert!(!last.is_on("spindle") && (event == "power off" || last.counts[2] < 0), "{event}: {last:?}");
         let switched_off = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");

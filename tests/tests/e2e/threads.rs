@@ -6,6 +6,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
+use retrace_tests::geared_job::{EarlyEnd, assert_refused, end_early};
 use retrace_tests::pins;
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -47,16 +48,7 @@ fn what_cannot_be_cut_is_refused_before_anything_moves() {
         (ENCODER, "S1000 M3\nG33 Z-50 K0.0001", "E4325"),
         (ENCODER, "G61 S600 M3\nG33 Z-20 K1.5\nG33 X5 Z-30 K1.5", "E4324"),
     ] {
-        let bench = Bench::new();
-        bench.file("m.toml", machine);
-        bench.file("part.ngc", format!("G21 G90\n{program}\nM2\n"));
-        for command in ["check", "run"] {
-            let result = bench.retrace([command, "part.ngc", "--machine", "m.toml", "--json"]);
-            let told = format!("{}{}", result.out, result.err);
-            assert!(result.code == Some(1) && told.contains(number), "{command} {program}: {told}");
-            assert!(told.contains("part.ngc:3:") || told.contains("\"line\":3"), "{command} {program}: {told}");
-            assert!(!result.out.contains("\"started\""), "{told}");
-        }
+        assert_refused(machine, program, number);
     }
 }
 
@@ -187,35 +179,9 @@ fn a_job_that_was_killed_in_a_thread_is_not_resumed_in_it() {
 #[test]
 fn whatever_ends_a_thread_early_leaves_the_spindle_off_and_the_machine_at_rest() {
     let events = [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("power off", "")];
+    let program = "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n";
     for (event, number) in events {
-        let bench = Bench::new();
-        let stop = "[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
-        let machine = bench.file("m.toml", format!("{stop}{ENCODER}")).display().to_string();
-        bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n");
-        let vcd = bench.path("card.vcd");
-        let mut card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string()]);
-        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
-        let mut child = bench.start(&run, Stdio::null(), "run.txt");
-        let begun = Instant::now();
-        while !fs::read_to_string(bench.path("run.txt")).unwrap_or_default().contains("G33\"") {
-            assert!(begun.elapsed() < Duration::from_secs(50), "the thread begins");
-            sleep(Duration::from_millis(2));
-        }
-        sleep(Duration::from_millis(1200));
-        card.operate(event);
-        sleep(Duration::from_millis(1000));
-        if event == "power off" {
-            card.operate("power on");
-            sleep(Duration::from_millis(500));
-        }
-        let _ = child.kill();
-        child.wait().expect("it ends");
-        let told = fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
-        assert!(told.contains(number), "{event}: {told}");
-        card.operate("spindle turn 0.4");
-        sleep(Duration::from_millis(1200));
-        let _ = card.end();
-        let samples = pins::samples(&vcd);
+        let EarlyEnd { samples, .. } = end_early(ENCODER, program, ("G33\"", 1200), (event, number));
         let last = samples.last().expect("a trace");
         assert!(!last.is_on("spindle"), "{event}: {last:?}");
         let switched_off = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");
