@@ -9,9 +9,9 @@ use std::time::Instant;
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
-    CommandReceiver, CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, JobStartError, JournalRecorder,
-    Observer, Outcome, Report, ResumeError, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer, Telemetry,
-    parse_script, resume_job,
+    AnyCard, CommandReceiver, CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, JobStartError,
+    JournalRecorder, Observer, Outcome, Report, ResumeError, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer,
+    Telemetry, parse_script, resume_job,
 };
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
@@ -74,6 +74,10 @@ pub struct JobResult {
     pub tables: Option<(Parameters, ToolTable)>,
 }
 
+/// What confirms a resumed job before anything moves, and writes that to its journal.
+pub type Confirm<'f, const A: usize> =
+    Box<dyn FnOnce(&ResumePlan<A>, Option<&mut JournaledJob>) -> Result<(), CommandFailure> + 'f>;
+
 /// Job that is ready to run.
 pub struct JobRunner<'a> {
     /// Options for output and operation.
@@ -93,16 +97,11 @@ pub struct JobRunner<'a> {
 }
 
 impl JobRunner<'_> {
-    /// Runs the job on a card. Returns its exit code and the card. `agree` confirms a resumed job, before anything
-    /// moves.
+    /// Runs the job on a card. Returns its exit code. `agree` confirms a resumed job, before anything moves.
     ///
     /// # Errors
     /// Whatever prevents it from starting, and the error of `agree`.
-    pub fn run<const A: usize, C: MotionCard<A>>(
-        self,
-        card: C,
-        agree: impl FnOnce(&ResumePlan<A>, Option<&mut JournaledJob>) -> Result<(), CommandFailure>,
-    ) -> Result<(u8, C), CommandFailure> {
+    pub fn run<const A: usize>(self, card: &mut AnyCard<'_, A>, agree: Confirm<'_, A>) -> Result<u8, CommandFailure> {
         let Self { options, machine, program, input, start, mut journal, at_screen } = self;
         let (commands, show, result) = match at_screen {
             Some(TuiOptions { commands, observer, result }) => {
@@ -232,7 +231,7 @@ impl JobRunner<'_> {
                 outcome.exit_code()
             }
         };
-        Ok((code, card))
+        Ok(code)
     }
 }
 

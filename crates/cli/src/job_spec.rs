@@ -3,9 +3,9 @@
 //! Invariant: the journal of a job exists before the job moves anything.
 
 use retrace_config::MachineConfig;
-use retrace_controller::{JobStart, ScriptInstruction};
+use retrace_controller::{AnyCard, JobStart, ScriptInstruction};
 use retrace_journal::{Durability, JobCard};
-use retrace_link::{CardStatus, MotionCard};
+use retrace_link::CardStatus;
 
 use crate::args;
 use crate::command_failure::CommandFailure;
@@ -52,16 +52,16 @@ impl<'a> JobSpec<'a> {
         begin_journal(self.args, &self.program, self.machine, (text, named.clone()), status)
     }
 
-    /// Runs the job on a card. Returns its exit code and the card; `at_screen` is the operator's screen.
+    /// Runs the job on a card. Returns its exit code; `at_screen` is the operator's screen.
     ///
     /// # Errors
     /// Whatever prevents it from starting; a file that cannot be written at its end.
-    pub fn run<const A: usize, C: MotionCard<A>>(
+    pub fn run<const A: usize>(
         self,
-        card: C,
+        card: &mut AnyCard<'_, A>,
         (journal, input): (Option<JournaledJob>, Option<ProgramStream>),
         at_screen: Option<TuiOptions<'_>>,
-    ) -> Result<(u8, C), CommandFailure> {
+    ) -> Result<u8, CommandFailure> {
         let Self { args, machine, script, program, .. } = self;
         let options = OutputOptions {
             json: args.format.json,
@@ -76,7 +76,7 @@ impl<'a> JobSpec<'a> {
         };
         let start = args.start_point().map_or(JobStart::First, JobStart::Within);
         let runner = JobRunner { options, machine, program: &program, input, start, journal, at_screen };
-        runner.run(card, |_, _| Ok(()))
+        runner.run(card, Box::new(|_, _| Ok(())))
     }
 }
 

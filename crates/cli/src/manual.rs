@@ -5,12 +5,12 @@
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
-    CommandSources, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer, RunMode, ScriptPlayer,
-    Telemetry, interpreter_setup, perform_manual_task,
+    AnyCard, CommandSources, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer, RunMode,
+    ScriptPlayer, Telemetry, interpreter_setup, perform_manual_task,
 };
 use retrace_core::RecordIndex;
 use retrace_hal_sim::{Clock, SourceFaults};
-use retrace_link::{CardFailure, MotionCard, PathStart};
+use retrace_link::{MotionCard, PathStart};
 use serde_json::{Map, Value, json};
 
 use crate::command_failure::CommandFailure;
@@ -104,7 +104,7 @@ fn on_card<const A: usize>(
             "note: the simulated card in this process does not keep its position; one served by `retrace card serve \
                 --pty` does"
         );
-        return perform_on(args, machine, task, modal_context, &mut card, &Homing::simulated());
+        return perform_on(args, machine, task, modal_context, &mut AnyCard::new(&mut card), &Homing::simulated());
     }
     let mut card = linked_card::find::<A>(&args.port.card)?;
     card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
@@ -119,24 +119,21 @@ fn on_card<const A: usize>(
     }
     card.open(machine.card_settings(PathStart::at(RecordIndex::new(0))))
         .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
-    let code = perform_on(args, machine, task, modal_context, &mut *card, &homing)?;
+    let code = perform_on(args, machine, task, modal_context, &mut AnyCard::new(&mut *card), &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.
     let _ = card.close();
     Ok(code)
 }
 
 /// Executes the task on a card, and prints the position.
-fn perform_on<const A: usize, C: MotionCard<A>>(
+fn perform_on<const A: usize>(
     args: &args::ManualOptions,
     machine: &MachineConfig,
     task: &ManualTask,
     modal_context: &mut ModalContext,
-    card: &mut C,
+    card: &mut AnyCard<'_, A>,
     homing: &Homing,
-) -> Result<u8, CommandFailure>
-where
-    C::Fault: CardFailure,
-{
+) -> Result<u8, CommandFailure> {
     let show = if args.format.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
     let mut console = Console::<A>::new(show, machine, None, None)?;
     let (signals, stops) = StopSignals::watch(StopPolicy::Manual).unzip();

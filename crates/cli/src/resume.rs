@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use retrace_config::{CutterConfig, MachineConfig, NumberedError};
 use retrace_controller::{
-    JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ResumedCutEnd, ScriptInstruction, parse_script,
+    AnyCard, JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ResumedCutEnd, ScriptInstruction, parse_script,
     planning_fingerprint,
 };
 use retrace_core::place::number_is_before;
@@ -17,7 +17,7 @@ use retrace_journal::{
     Durability, FileRole, JobCard, JobEnding, JobFolder, JobHeader, JobLock, JobRecord, JobState, JobStore, ListedJob,
     ProgramSource, ReadFile, ResumeEntry, SpoolProgress, SpoolReplay, Timestamp, WiredCard, axes_to_home,
 };
-use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
+use retrace_link::{Greeting, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
 use crate::command_failure::CommandFailure;
@@ -258,11 +258,12 @@ impl ResumeStep<'_> {
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.operation.realtime || self.args.is_at_screen();
         let work = parsed_work(self.args.work.work.as_deref(), &self.machine)?;
-        let card =
+        let mut card = AnyCard::new(
             simulated::<A>(&self.machine, (&SourceFaults::default(), work), run::clock(&self.machine, wall_time))?
-                .with_position(counts(&self.record.last_position.counts), &outputs);
+                .with_position(counts(&self.record.last_position.counts), &outputs),
+        );
         let start = self.record.last_position.start;
-        self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
+        self.run_job(program, script, (&mut card, Homing::simulated()), start, JobCard::Sim, wall_time)
     }
 
     fn on_wired<const A: usize>(
@@ -290,9 +291,11 @@ impl ResumeStep<'_> {
         if !self.args.is_at_screen() {
             prepare_real_time();
         }
-        let card = GreetedCard::new(card, settings, status, greeting.identity.boot);
+        let mut card = GreetedCard::new(card, settings, status, greeting.identity.boot);
         let homing = Homing::of(&address, &greeting.identity).at_screen();
-        let (code, card) = self.run_job(program, script, (card, homing), start, named, true)?;
+        let mut any_card = AnyCard::new(&mut card);
+        let code = self.run_job(program, script, (&mut any_card, homing), start, named, true)?;
+        drop(any_card);
         card.close();
         Ok(code)
     }
@@ -435,15 +438,15 @@ impl ResumeStep<'_> {
     }
 
     /// Locates the breakpoint, asks for confirmation, and runs the job.
-    fn run_job<const A: usize, C: MotionCard<A> + Send>(
+    fn run_job<const A: usize>(
         self,
         program: &Program,
         script: Vec<ScriptInstruction>,
-        (mut card, homing): (C, Homing),
+        (card, homing): (&mut AnyCard<'_, A>, Homing),
         start: PathStart,
         named: JobCard,
         wall_time: bool,
-    ) -> Result<(u8, C), CommandFailure> {
+    ) -> Result<u8, CommandFailure> {
         let resumption = self.resume_point(start)?;
         let (input, progress) = self.input(program)?.unzip();
         let kept_text = self.folder.stream();
@@ -464,59 +467,59 @@ impl ResumeStep<'_> {
             tables: TableFiles::of_job(&record.job.arguments),
         };
         let (of_job, of_job_entry, on, card_named) = (&record, &record.job, &machine, named.clone());
-        let resume = move |card: &mut C, at_screen: Option<TuiOptions<'_>>, ask: &mut ConfirmResume<'_, A>| {
-            let agree = |prepared: &ResumePlan<A>, kept: Option<&mut JournaledJob>| -> Result<(), CommandFailure> {
-                // The machine moves, or the card's place is not on this path.
-                if !prepared.card().at_rest || (is_cards_place && !prepared.matches_card()) {
-                    return Err(disagree.refusal(prepared).into());
-                }
-                let taken = ResumeSummary {
-                    program,
-                    record: of_job,
-                    machine: on,
-                    spool: &kept_text,
-                    prepared,
-                    differences: table_differences(program, of_job_entry),
-                    machine_changes: changed_machine(of_job_entry),
-                    approach: prepared.return_path(on)?,
-                    is_older_place,
+        let resume =
+            move |card: &mut AnyCard<'_, A>, at_screen: Option<TuiOptions<'_>>, ask: &mut ConfirmResume<'_, A>| {
+                let agree = |prepared: &ResumePlan<A>, kept: Option<&mut JournaledJob>| -> Result<(), CommandFailure> {
+                    // The machine moves, or the card's place is not on this path.
+                    if !prepared.card().at_rest || (is_cards_place && !prepared.matches_card()) {
+                        return Err(disagree.refusal(prepared).into());
+                    }
+                    let taken = ResumeSummary {
+                        program,
+                        record: of_job,
+                        machine: on,
+                        spool: &kept_text,
+                        prepared,
+                        differences: table_differences(program, of_job_entry),
+                        machine_changes: changed_machine(of_job_entry),
+                        approach: prepared.return_path(on)?,
+                        is_older_place,
+                    };
+                    if !ask(&taken)? {
+                        return Err(
+                            NumberedError::new("E2215", "not confirmed; nothing has moved", "--yes confirms").into()
+                        );
+                    }
+                    let resumed = resume_entry(prepared, card_named, on);
+                    kept.map_or(Ok(()), |kept| kept.resume_journal(of_job, resumed, progress))?;
+                    Ok(())
                 };
-                if !ask(&taken)? {
-                    return Err(
-                        NumberedError::new("E2215", "not confirmed; nothing has moved", "--yes confirms").into()
-                    );
-                }
-                let resumed = resume_entry(prepared, card_named, on);
-                kept.map_or(Ok(()), |kept| kept.resume_journal(of_job, resumed, progress))?;
-                Ok(())
+                let begin = JobStart::At(Box::new(resumption));
+                let machining = JobRunner {
+                    options: manners,
+                    machine: on,
+                    program,
+                    input,
+                    start: begin,
+                    journal: Some(kept),
+                    at_screen,
+                };
+                machining.run(card, Box::new(agree))
             };
-            let begin = JobStart::At(Box::new(resumption));
-            let machining = JobRunner {
-                options: manners,
-                machine: on,
-                program,
-                input,
-                start: begin,
-                journal: Some(kept),
-                at_screen,
-            };
-            machining.run(card, agree).map(|(code, _)| code)
-        };
-        let code = if args.is_at_screen() {
+        if args.is_at_screen() {
             let resume = ResumingJob {
                 origin: record.job.origin,
                 is_confirmed: args.yes,
                 resume: Box::new(|card, at_screen, ask| resume(card, Some(at_screen), ask)),
             };
             let (run, at) = (run_args(args, &record.job), (record.job.machine.text.clone(), named));
-            operate::operate(&run, &machine, program.clone(), (script, at), &mut card, &homing, Some(resume))?
+            operate::operate(&run, &machine, program.clone(), (script, at), card, &homing, Some(resume))
         } else {
-            resume(&mut card, None, &mut |taken| {
+            resume(card, None, &mut |taken| {
                 taken.show(args.format.json);
                 Ok(args.yes || resume_summary::confirm_at_terminal()?)
-            })?
-        };
-        Ok((code, card))
+            })
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! exists.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::{JobStart, ScriptInstruction};
+use retrace_controller::{AnyCard, JobStart, ScriptInstruction};
 use retrace_core::RecordIndex;
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_journal::JobCard;
@@ -88,14 +88,15 @@ impl RunContext<'_> {
             if self.at_screen {
                 let mut card = traced(card, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());
-                let code = operate::operate(args, &machine, program, work, &mut card, &homing, None)?;
+                let code =
+                    operate::operate(args, &machine, program, work, &mut AnyCard::new(&mut card), &homing, None)?;
                 report_late_periods(&card);
                 return Ok(code);
             }
             let mut card = traced(card, &machine, args.vcd.as_deref())?;
             let (journal, input) = begin_journal(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
-            // By reference here and at the screen, so that there is one job runner for both.
-            let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut card, |_, _| Ok(()))?;
+            let job = self.job_runner(&machine, &program, journal, input);
+            let code = job.run(&mut AnyCard::new(&mut card), Box::new(|_, _| Ok(())))?;
             if args.operation.realtime {
                 report_late_periods(&card);
             }
@@ -127,7 +128,7 @@ impl RunContext<'_> {
         if self.at_screen {
             card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
-            let code = operate::operate(args, &machine, program, work, &mut *card, &homing, None)?;
+            let code = operate::operate(args, &machine, program, work, &mut AnyCard::new(&mut *card), &homing, None)?;
             let _ = card.close();
             return Ok(code);
         }
@@ -136,7 +137,8 @@ impl RunContext<'_> {
         // From here on the card's watchdog expects messages from the host.
         prepare_real_time();
         card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
-        let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut *card, |_, _| Ok(()))?;
+        let job = self.job_runner(&machine, &program, journal, input);
+        let code = job.run(&mut AnyCard::new(&mut *card), Box::new(|_, _| Ok(())))?;
         // The card is at rest, or has an alarm that says more than an error here would.
         let _ = card.close();
         saved(args, &program, &machine, code)

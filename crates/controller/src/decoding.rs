@@ -80,7 +80,7 @@ impl Batch for BlockBatch {
 /// Behind a question to the machine it waits for what `answers` brings: nothing behind the question is decoded
 /// (PRB-11).
 pub(crate) fn decode(
-    program: &mut impl BlockDecoder,
+    program: &mut dyn BlockDecoder,
     sender: &BatchSender<'_, BlockBatch>,
     answers: &Receiver<MachineResult>,
 ) {

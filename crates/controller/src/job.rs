@@ -23,6 +23,7 @@ use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
+use crate::any_card::AnyCard;
 use crate::batch_channel::{BatchReceiver, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::canon_executor::CanonExecutor;
@@ -119,7 +120,7 @@ impl From<ResumeError> for JobStartError {
 ///
 /// # Errors
 /// The reason why the job cannot begin; nothing has moved then.
-pub fn run_job<const A: usize, C: MotionCard<A>>(
+pub fn run_job<const A: usize, C: MotionCard<A> + Send>(
     machine: &MachineConfig,
     program: impl BlockDecoder + Send,
     options: JobOptions,
@@ -136,14 +137,30 @@ pub fn run_job<const A: usize, C: MotionCard<A>>(
 ///
 /// # Errors
 /// As [`run_job`].
-pub fn resume_job<const A: usize, C: MotionCard<A>>(
+pub fn resume_job<const A: usize, C: MotionCard<A> + Send>(
     machine: &MachineConfig,
     mut program: impl BlockDecoder + Send,
     options: JobOptions,
-    card: C,
+    mut card: C,
     observer: &mut dyn Observer<A>,
     agree: impl FnOnce(&ResumePlan<A>) -> bool,
 ) -> Result<JobEnd<C>, JobStartError> {
+    let mut agree = Some(agree);
+    let mut agree = |prepared: &ResumePlan<A>| agree.take().is_some_and(|agree| agree(prepared));
+    let any_card = AnyCard::new(&mut card);
+    let (outcome, stats, summary) = run_threads(machine, &mut program, options, any_card, observer, &mut agree)?;
+    Ok(JobEnd { outcome, stats, summary, card })
+}
+
+/// Runs a program as [`resume_job`] does, whatever decodes it and whatever the card is.
+fn run_threads<const A: usize>(
+    machine: &MachineConfig,
+    program: &mut (dyn BlockDecoder + Send),
+    options: JobOptions,
+    card: AnyCard<'_, A>,
+    observer: &mut dyn Observer<A>,
+    agree: &mut dyn FnMut(&ResumePlan<A>) -> bool,
+) -> Result<(Outcome, RunStats, Option<PlanSummary>), JobStartError> {
     let JobOptions { start: begin, commands: operators, run_mode, journal: keeping } = options;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
     let cells = ring_cells(keep, look_ahead).ok_or_else(|| machine_error("the history is larger than any ring"))?;
@@ -199,9 +216,8 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let given_up = program.cancel_token();
     thread::scope(|scope| {
         let (sender, batches) = (BatchSender::new(&belt), BatchReceiver::new(&belt));
-        let decoder = spawn_named(scope, ("decoding", run_mode.real_time), move || {
-            decoding::decode(&mut program, &sender, &results)
-        });
+        let decoder =
+            spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(program, &sender, &results));
         let planner = spawn_named(scope, ("planning", run_mode.real_time), move || {
             planning::plan(machine, batches, batch, (within, rests), feeder, result_sender)
         });
@@ -226,8 +242,8 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
         let summary = join_thread(planner);
         join_thread(reporter);
         join_thread(moves);
-        let (outcome, stats, card) = ended?;
-        Ok(JobEnd { outcome, stats, summary, card })
+        let (outcome, stats, _) = ended?;
+        Ok((outcome, stats, summary))
     })
 }
 

@@ -18,6 +18,7 @@
 //! or accesses a file from its first control period to its last.
 #![forbid(unsafe_code)]
 
+mod any_card;
 mod approach;
 mod batch_channel;
 mod block_decoder;
@@ -76,6 +77,7 @@ mod telemetry;
 mod thread_plan;
 mod tool_length;
 
+pub use any_card::{AnyCard, AnyCardFailure};
 pub use block_decoder::{BlockDecoder, DecodedBlock};
 pub use canon_executor::WorkOffset;
 pub use check_finding::{CheckFinding, FindingList, more_rounds_text};

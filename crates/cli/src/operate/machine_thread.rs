@@ -12,8 +12,9 @@ use std::time::Duration;
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
-    CardError, CommandSources, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer,
-    Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script, perform_manual_task,
+    AnyCard, CardError, CommandSources, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError, ModalContext,
+    Observer, Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script,
+    perform_manual_task,
 };
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 use retrace_tui::{
@@ -53,7 +54,7 @@ pub(super) struct ExitState {
 }
 
 /// The machine, its card and its operator.
-pub(super) struct MachineThread<'m, const A: usize, C> {
+pub(super) struct MachineThread<'m, 'c, const A: usize> {
     /// Arguments, with the program that is loaded now.
     args: args::Run,
     machine: MachineConfig,
@@ -61,7 +62,7 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     program: Arc<Program>,
     script: Vec<ScriptInstruction>,
     machine_and_card: MachineAndCard,
-    card: &'m mut C,
+    card: &'m mut AnyCard<'c, A>,
     /// Modal state for MDI blocks and for the next program.
     mdi_context: ModalContext,
     table_keeper: TableKeeper,
@@ -77,17 +78,17 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     /// Number of the start that is being executed.
     start: u64,
     /// Job to resume first.
-    resumed: Option<ResumingJob<'m, A, C>>,
+    resumed: Option<ResumingJob<'m, A>>,
     exit: ExitState,
 }
 
-impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
+impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
     /// Machine at rest, on an open card.
     pub(super) fn new(
         args: args::Run,
         (machine, homing): (&MachineConfig, &'m Homing),
         (program, script, machine_and_card): (Arc<Program>, Vec<ScriptInstruction>, MachineAndCard),
-        card: &'m mut C,
+        card: &'m mut AnyCard<'c, A>,
         commands: Receiver<UiCommand>,
         router: &'m Arc<CommandRouter>,
     ) -> Self {
@@ -123,7 +124,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Adds the job to resume first.
-    pub(super) fn resuming(self, resumed: Option<ResumingJob<'m, A, C>>) -> Self {
+    pub(super) fn resuming(self, resumed: Option<ResumingJob<'m, A>>) -> Self {
         Self { resumed, ..self }
     }
 
@@ -441,11 +442,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let at_screen = TuiOptions { commands, observer: self.observer.clone(), result: &mut result };
         let machine_and_card = self.machine_and_card.clone();
         let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &machine_and_card);
-        let done = self.begin_journal(&job).and_then(|journal| job.run(&mut *self.card, journal, Some(at_screen)));
+        let done = self.begin_journal(&job).and_then(|journal| job.run(self.card, journal, Some(at_screen)));
         self.router.end_job();
         self.exit.ran = true;
         match done {
-            Ok((code, _)) => {
+            Ok(code) => {
                 self.apply_result(code, result);
             }
             Err(failure) => {
@@ -485,7 +486,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Resumes an interrupted job at its breakpoint.
-    fn resume(&mut self, resumed: ResumingJob<'m, A, C>) -> Result<(), CommandFailure> {
+    fn resume(&mut self, resumed: ResumingJob<'m, A>) -> Result<(), CommandFailure> {
         let mut result = JobResult::default();
         // What is resumed waits for its own confirmation.
         let Some(commands) = self.router.begin_job(NOT_CANCELLABLE) else { return Ok(()) };

@@ -22,8 +22,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::{ManualTask, OperatorCommand, ScriptInstruction};
-use retrace_link::MotionCard;
+use retrace_controller::{AnyCard, ManualTask, OperatorCommand, ScriptInstruction};
 use retrace_tui::{Screen, ScreenModel, UiCommand, lock_model};
 
 use crate::args;
@@ -108,17 +107,20 @@ pub fn needs_terminal() -> Result<(), NumberedError> {
 }
 
 /// Runs a resumed job on a card at a screen, with a question before anything moves. Returns its exit code.
-pub type Resume<'f, const A: usize, C> =
-    Box<dyn FnOnce(&mut C, TuiOptions<'_>, &mut ConfirmResume<'_, A>) -> Result<u8, CommandFailure> + Send + 'f>;
+pub type Resume<'f, const A: usize> = Box<
+    dyn FnOnce(&mut AnyCard<'_, A>, TuiOptions<'_>, &mut ConfirmResume<'_, A>) -> Result<u8, CommandFailure>
+        + Send
+        + 'f,
+>;
 
 /// Job to resume when the screen opens.
-pub struct ResumingJob<'f, const A: usize, C> {
+pub struct ResumingJob<'f, const A: usize> {
     /// Record at which its path starts.
     pub origin: RecordIndex,
     /// Whether the operator has confirmed already.
     pub is_confirmed: bool,
     /// Function that runs it.
-    pub resume: Resume<'f, A, C>,
+    pub resume: Resume<'f, A>,
 }
 
 /// Operates a machine at rest, on an open card, until the operator quits or the terminal is gone. Returns the exit code
@@ -127,14 +129,14 @@ pub struct ResumingJob<'f, const A: usize, C> {
 ///
 /// # Errors
 /// The terminal cannot be opened.
-pub fn operate<const A: usize, C: MotionCard<A> + Send>(
+pub fn operate<const A: usize>(
     args: &args::Run,
     machine: &MachineConfig,
     program: Program,
     (script, at): (Vec<ScriptInstruction>, MachineAndCard),
-    card: &mut C,
+    card: &mut AnyCard<'_, A>,
     homing: &Homing,
-    resumed: Option<ResumingJob<'_, A, C>>,
+    resumed: Option<ResumingJob<'_, A>>,
 ) -> Result<u8, CommandFailure> {
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
     let program = Arc::new(program);
@@ -159,7 +161,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     }
     let mut screen = has_terminal_screen.then(|| ScreenThread::begin(&model, &router));
     let machine_thread =
-        MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, commands, &router);
+        MachineThread::<A>::new(args.clone(), (machine, homing), (program, script, at), card, commands, &router);
     let machine_thread = machine_thread.resuming(resumed);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machine_thread.work());

@@ -82,7 +82,7 @@ impl From<CardError> for ManualTaskError {
 ///
 /// # Errors
 /// The reason why it was not completed.
-pub fn perform_manual_task<const A: usize, C: MotionCard<A>>(
+pub fn perform_manual_task<const A: usize, C: MotionCard<A> + Send>(
     task: &ManualTask,
     machine: &MachineConfig,
     context: &mut ModalContext,
@@ -137,7 +137,7 @@ fn axis(machine: &MachineConfig, letter: char) -> Result<usize, NumberedError> {
 }
 
 /// Executes an MDI block as a small job.
-fn perform_block<const A: usize, C: MotionCard<A>>(
+fn perform_block<const A: usize, C: MotionCard<A> + Send>(
     text: &str,
     machine: &MachineConfig,
     context: &mut ModalContext,
@@ -170,13 +170,13 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
 }
 
 /// Begins a new path at the machine's position.
-fn begin_path<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
+fn begin_path<const A: usize, C: MotionCard<A> + Send>(card: &mut C) -> Result<(), C::Fault> {
     let CardStatus { place, executed, .. } = *card.status();
     card.begin_path(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
 
 /// A task in progress on a card.
-struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
+struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A> + Send> {
     machine: &'a MachineConfig,
     card: &'a mut C,
     operators: CommandSources,
@@ -187,7 +187,7 @@ struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
     stopped: bool,
 }
 
-impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
+impl<const A: usize, C: MotionCard<A> + Send> ManualRunner<'_, '_, A, C> {
     fn perform(mut self, task: &ManualTask) -> Result<ManualTaskDone, ManualTaskError> {
         match task {
             ManualTask::Home(None) => {
