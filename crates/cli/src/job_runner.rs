@@ -74,8 +74,8 @@ pub struct JobResult {
     pub tables: Option<(Parameters, ToolTable)>,
 }
 
-/// What confirms a resumed job before anything moves, and writes that to its journal.
-pub type Confirm<'f, const A: usize> =
+/// Confirms a resumed job before anything moves, and writes the confirmation to the job's journal.
+pub type ConfirmJob<'f, const A: usize> =
     Box<dyn FnOnce(&ResumePlan<A>, Option<&mut JournaledJob>) -> Result<(), CommandFailure> + 'f>;
 
 /// Job that is ready to run.
@@ -101,7 +101,11 @@ impl JobRunner<'_> {
     ///
     /// # Errors
     /// Whatever prevents it from starting, and the error of `agree`.
-    pub fn run<const A: usize>(self, card: &mut AnyCard<'_, A>, agree: Confirm<'_, A>) -> Result<u8, CommandFailure> {
+    pub fn run<const A: usize>(
+        self,
+        card: &mut AnyCard<'_, A>,
+        agree: ConfirmJob<'_, A>,
+    ) -> Result<u8, CommandFailure> {
         let Self { options, machine, program, input, start, mut journal, at_screen } = self;
         let (commands, show, result) = match at_screen {
             Some(TuiOptions { commands, observer, result }) => {

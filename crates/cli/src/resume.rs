@@ -258,12 +258,12 @@ impl ResumeStep<'_> {
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.operation.realtime || self.args.is_at_screen();
         let work = parsed_work(self.args.work.work.as_deref(), &self.machine)?;
-        let mut card = AnyCard::new(
+        let mut card =
             simulated::<A>(&self.machine, (&SourceFaults::default(), work), run::clock(&self.machine, wall_time))?
-                .with_position(counts(&self.record.last_position.counts), &outputs),
-        );
+                .with_position(counts(&self.record.last_position.counts), &outputs);
+        let card = &mut AnyCard::new(&mut card);
         let start = self.record.last_position.start;
-        self.run_job(program, script, (&mut card, Homing::simulated()), start, JobCard::Sim, wall_time)
+        self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time)
     }
 
     fn on_wired<const A: usize>(
@@ -293,9 +293,7 @@ impl ResumeStep<'_> {
         }
         let mut card = GreetedCard::new(card, settings, status, greeting.identity.boot);
         let homing = Homing::of(&address, &greeting.identity).at_screen();
-        let mut any_card = AnyCard::new(&mut card);
-        let code = self.run_job(program, script, (&mut any_card, homing), start, named, true)?;
-        drop(any_card);
+        let code = self.run_job(program, script, (&mut AnyCard::new(&mut card), homing), start, named, true)?;
         card.close();
         Ok(code)
     }

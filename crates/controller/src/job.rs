@@ -145,21 +145,19 @@ pub fn resume_job<const A: usize, C: MotionCard<A> + Send>(
     observer: &mut dyn Observer<A>,
     agree: impl FnOnce(&ResumePlan<A>) -> bool,
 ) -> Result<JobEnd<C>, JobStartError> {
-    let mut agree = Some(agree);
-    let mut agree = |prepared: &ResumePlan<A>| agree.take().is_some_and(|agree| agree(prepared));
     let any_card = AnyCard::new(&mut card);
-    let (outcome, stats, summary) = run_threads(machine, &mut program, options, any_card, observer, &mut agree)?;
+    let (outcome, stats, summary) = run_threads(machine, &mut program, options, any_card, observer, Box::new(agree))?;
     Ok(JobEnd { outcome, stats, summary, card })
 }
 
-/// Runs a program as [`resume_job`] does, whatever decodes it and whatever the card is.
+/// Runs a program as [`resume_job`] does. It is compiled once, and not for each decoder, card and confirmation.
 fn run_threads<const A: usize>(
     machine: &MachineConfig,
     program: &mut (dyn BlockDecoder + Send),
     options: JobOptions,
     card: AnyCard<'_, A>,
     observer: &mut dyn Observer<A>,
-    agree: &mut dyn FnMut(&ResumePlan<A>) -> bool,
+    agree: Box<dyn FnOnce(&ResumePlan<A>) -> bool + '_>,
 ) -> Result<(Outcome, RunStats, Option<PlanSummary>), JobStartError> {
     let JobOptions { start: begin, commands: operators, run_mode, journal: keeping } = options;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);

@@ -170,13 +170,13 @@ fn perform_block<const A: usize, C: MotionCard<A> + Send>(
 }
 
 /// Begins a new path at the machine's position.
-fn begin_path<const A: usize, C: MotionCard<A> + Send>(card: &mut C) -> Result<(), C::Fault> {
+fn begin_path<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
     let CardStatus { place, executed, .. } = *card.status();
     card.begin_path(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
 
 /// A task in progress on a card.
-struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A> + Send> {
+struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
     machine: &'a MachineConfig,
     card: &'a mut C,
     operators: CommandSources,
@@ -187,7 +187,7 @@ struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A> + Send> {
     stopped: bool,
 }
 
-impl<const A: usize, C: MotionCard<A> + Send> ManualRunner<'_, '_, A, C> {
+impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     fn perform(mut self, task: &ManualTask) -> Result<ManualTaskDone, ManualTaskError> {
         match task {
             ManualTask::Home(None) => {
