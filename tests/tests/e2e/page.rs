@@ -167,7 +167,7 @@ fn a_jog_is_held_to_run() {
     let bench = Bench::new();
     let (server, mut page) = in_control(&bench, LINES, &[]);
     for (number, end) in (1..).zip(["no beats", "release", "hold", "link"]) {
-        let (from, another) = hold_jog(&mut page, 10 * number, number % 2 == 1);
+        let (from, beat, another) = hold_jog(&mut page, 10 * number, number % 2 == 1);
         refused(&another, "E2409");
         match end {
             "release" => page.send(&json!({"t": "jog_end"})),
@@ -179,6 +179,12 @@ fn a_jog_is_held_to_run() {
             }
             _ => {}
         }
+        // Where the jog was ended, beats do not keep it alive.
+        let begun = Instant::now();
+        while end != "no beats" && begun.elapsed() < Duration::from_millis(900) {
+            page.send(&json!({"t": "beat", "beat": beat}));
+            page.listen(Duration::from_millis(50));
+        }
         page.wait_until("rest", |page| page.last("live")["at_rest"] == true);
         let at = page.machine_mm(0);
         page.listen(Duration::from_millis(300));
@@ -187,12 +193,12 @@ fn a_jog_is_held_to_run() {
     }
 }
 
-/// Jogs the X axis and holds the button for 600 ms. Returns where the axis was before, and the answer to another
-/// jog meanwhile. Its messages have this number and those behind it.
+/// Jogs the X axis and holds the button for 600 ms. Returns where the axis was before, the number of the beats, and the
+/// answer to another jog meanwhile. `number` and the four numbers behind it are used for the messages.
 ///
-/// Where the computer leaves this test or the server without a processor for longer than a jog lives without a beat,
-/// the jog ends, as it should, and is begun again. A jog that never outlives its beats is at fault itself.
-fn hold_jog(page: &mut Page, number: u32, up: bool) -> (f64, Value) {
+/// If the computer gives neither this test nor the server a processor in time, the server ends the jog for lack of
+/// beats, as it should, and the jog is repeated. If that happens each time, the jog itself is at fault.
+fn hold_jog(page: &mut Page, number: u32, up: bool) -> (f64, u32, Value) {
     let late_beat = |page: &Page| {
         let messages = page.last("log")["messages"].as_array().cloned().unwrap_or_default();
         messages.into_iter().rfind(|message| message["text"].to_string().contains("the page sent no beat"))
@@ -222,7 +228,7 @@ fn hold_jog(page: &mut Page, number: u32, up: bool) -> (f64, Value) {
         }
         let moved = (page.machine_mm(0) - from).abs();
         assert!(moved > 2.0, "it jogs while it is held, {moved} mm: {:#?}", page.last("log"));
-        return (from, another);
+        return (from, beat, another);
     }
     panic!("the jog ends although its beats come: {:#?}", page.last("log"));
 }
