@@ -23,7 +23,6 @@ use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
-use crate::any_card::AnyCard;
 use crate::batch_channel::{BatchReceiver, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::canon_executor::CanonExecutor;
@@ -120,7 +119,7 @@ impl From<ResumeError> for JobStartError {
 ///
 /// # Errors
 /// The reason why the job cannot begin; nothing has moved then.
-pub fn run_job<const A: usize, C: MotionCard<A> + Send>(
+pub fn run_job<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     program: impl BlockDecoder + Send,
     options: JobOptions,
@@ -137,28 +136,27 @@ pub fn run_job<const A: usize, C: MotionCard<A> + Send>(
 ///
 /// # Errors
 /// As [`run_job`].
-pub fn resume_job<const A: usize, C: MotionCard<A> + Send>(
+pub fn resume_job<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     mut program: impl BlockDecoder + Send,
     options: JobOptions,
-    mut card: C,
+    card: C,
     observer: &mut dyn Observer<A>,
     agree: impl FnOnce(&ResumePlan<A>) -> bool,
 ) -> Result<JobEnd<C>, JobStartError> {
-    let any_card = AnyCard::new(&mut card);
-    let (outcome, stats, summary) = run_threads(machine, &mut program, options, any_card, observer, Box::new(agree))?;
-    Ok(JobEnd { outcome, stats, summary, card })
+    run_threads(machine, &mut program, options, card, observer, Box::new(agree))
 }
 
-/// Runs a program as [`resume_job`] does. It is compiled once, and not for each decoder, card and confirmation.
-fn run_threads<const A: usize>(
+/// Runs a program as [`resume_job`] does. It is compiled once for each type of card, and not for each decoder and
+/// confirmation.
+fn run_threads<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     program: &mut (dyn BlockDecoder + Send),
     options: JobOptions,
-    card: AnyCard<'_, A>,
+    card: C,
     observer: &mut dyn Observer<A>,
     agree: Box<dyn FnOnce(&ResumePlan<A>) -> bool + '_>,
-) -> Result<(Outcome, RunStats, Option<PlanSummary>), JobStartError> {
+) -> Result<JobEnd<C>, JobStartError> {
     let JobOptions { start: begin, commands: operators, run_mode, journal: keeping } = options;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
     let cells = ring_cells(keep, look_ahead).ok_or_else(|| machine_error("the history is larger than any ring"))?;
@@ -240,8 +238,8 @@ fn run_threads<const A: usize>(
         let summary = join_thread(planner);
         join_thread(reporter);
         join_thread(moves);
-        let (outcome, stats, _) = ended?;
-        Ok((outcome, stats, summary))
+        let (outcome, stats, card) = ended?;
+        Ok(JobEnd { outcome, stats, summary, card })
     })
 }
 

@@ -82,7 +82,7 @@ impl From<CardError> for ManualTaskError {
 ///
 /// # Errors
 /// The reason why it was not completed.
-pub fn perform_manual_task<const A: usize, C: MotionCard<A> + Send>(
+pub fn perform_manual_task<const A: usize, C: MotionCard<A>>(
     task: &ManualTask,
     machine: &MachineConfig,
     context: &mut ModalContext,
@@ -137,7 +137,7 @@ fn axis(machine: &MachineConfig, letter: char) -> Result<usize, NumberedError> {
 }
 
 /// Executes an MDI block as a small job.
-fn perform_block<const A: usize, C: MotionCard<A> + Send>(
+fn perform_block<const A: usize, C: MotionCard<A>>(
     text: &str,
     machine: &MachineConfig,
     context: &mut ModalContext,

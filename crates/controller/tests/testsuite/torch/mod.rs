@@ -109,7 +109,7 @@ fn card(machine: &MachineConfig, faults: &str) -> SimCard<4> {
 }
 
 /// Runs a job, or the rest of it, on a card.
-fn run_part<C: MotionCard<4> + Send>(
+fn run_part<C: MotionCard<4>>(
     machine: &MachineConfig,
     program: &str,
     script: &str,
