@@ -337,9 +337,11 @@ impl<const A: usize> Plant<A> {
         set(&mut self.active, input, active);
     }
 
-    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range.
-    pub const fn set_analog_input(&mut self, number: u8, reading: u16) {
-        self.analog[number as usize] = Some(reading);
+    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range; nothing happens where there is no such input.
+    pub fn set_analog_input(&mut self, number: u8, reading: u16) {
+        if let Some(input) = self.analog.get_mut(usize::from(number)) {
+            *input = Some(reading);
+        }
     }
 
     /// The spindle, for changes by a test; `None` without one.
