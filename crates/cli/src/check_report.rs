@@ -11,6 +11,7 @@ use retrace_link::channel;
 use serde_json::{Map, Value, json};
 
 use crate::contour_report;
+use crate::cutting_report::CuttingReport;
 use crate::program::Program;
 
 /// Program that was checked and planned.
@@ -36,7 +37,7 @@ impl<const A: usize> CheckReport<'_, A> {
             text,
             "\n  at 100 %: {}{} total: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
             if analysis.is_time_partial { "at least " } else { "" },
-            clock(self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods)),
+            clock(self.total_s()),
             self.seconds(analysis.motion_periods),
             self.seconds(analysis.dwell_periods),
             self.seconds(analysis.switch_periods)
@@ -51,6 +52,7 @@ impl<const A: usize> CheckReport<'_, A> {
         if analysis.pierce_periods > 0 {
             let _ = write!(text, ", which take {:.3} s", self.seconds(analysis.pierce_periods));
         }
+        text += &self.cutting().text();
         text += &contour_report::text(&analysis.scan.contours, self.machine);
         if analysis.tool_periods.len() > 1 {
             let times = analysis.tool_periods.iter();
@@ -173,7 +175,7 @@ impl<const A: usize> CheckReport<'_, A> {
         });
         let fallbacks = analysis.plan_fallbacks();
         let range = |range: Option<ValueRange>| range.map(|range| [range.least, range.greatest]);
-        json!({
+        let mut report = json!({
             "event": "check",
             "program": self.program.name(),
             "machine": self.machine.name,
@@ -201,7 +203,7 @@ impl<const A: usize> CheckReport<'_, A> {
                 .collect::<Vec<_>>(),
             "barriers": analysis.barriers.iter().map(|b| json!({ "line": b.line, "code": b.code })).collect::<Vec<_>>(),
             "stops": analysis.stops,
-            "total_s": self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods),
+            "total_s": self.total_s(),
             "cutting_mm": analysis.cutting_mm,
             "rapid_mm": analysis.rapid_mm,
             "pierces": analysis.pierces,
@@ -217,7 +219,22 @@ impl<const A: usize> CheckReport<'_, A> {
             "diagnostics": self.diagnostics,
             "feed_above_limit": analysis.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
             "speed_above_limit": self.speed_above_limit().map(|(most, max_s)| json!({"s": most, "max_s": max_s})),
-        })
+        });
+        if let Value::Object(fields) = &mut report {
+            fields.append(&mut self.cutting().json());
+        }
+        report
+    }
+
+    /// Sensings, starts, abrasive and cost.
+    fn cutting(&self) -> CuttingReport<'_> {
+        CuttingReport::new(self.machine, self.analysis, self.total_s())
+    }
+
+    /// Time of the whole program.
+    fn total_s(&self) -> f64 {
+        let analysis = self.analysis;
+        self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods)
     }
 
     fn work_json(&self, work: &WorkExtents<A>) -> Value {

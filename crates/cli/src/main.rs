@@ -24,6 +24,7 @@ mod command_failure;
 mod console;
 mod contour_report;
 mod cut_progress;
+mod cutting_report;
 mod cycles;
 mod decoder;
 mod diagnostic_json;

@@ -105,6 +105,9 @@ pub(crate) struct CutterSection {
     /// Output of the abrasive.
     #[schemars(range(max = 64))]
     abrasive: Option<u8>,
+    /// Flow of the abrasive in g/min, where no material states one. `retrace check` counts it; it has no other effect.
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    abrasive_g_per_min: Option<f64>,
     /// Output that raises the pressure of a jet; 0 is low pressure.
     #[schemars(range(max = 64))]
     pressure: Option<u8>,
@@ -168,6 +171,8 @@ pub struct CutterConfig {
     pub assist: Option<u8>,
     /// Channel of its abrasive, if any.
     pub abrasive: Option<u8>,
+    /// Flow of its abrasive, g/min, where no material states one.
+    pub abrasive_g_per_min: Option<f64>,
     /// Channel that raises its pressure, if any.
     pub pressure: Option<u8>,
     /// Number behind `$` in M3, M4 and M5, if it has one.
@@ -218,6 +223,7 @@ impl CutterSection {
             arm,
             assist,
             abrasive,
+            abrasive_g_per_min: self.abrasive_g_per_min,
             pressure,
             spindle: self.spindle.or((fire == channel::SPINDLE).then_some(0)),
             materials,
@@ -256,6 +262,7 @@ impl CutterConfig {
             arm: None,
             assist: None,
             abrasive: None,
+            abrasive_g_per_min: None,
             pressure: None,
             spindle,
             materials: None,
@@ -394,6 +401,12 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         cutter.restart.map_or(Ok(()), |restart| restart.check(&cutter.name))?;
         cutter.ok.map_or(Ok(()), |proof| proof.check(&cutter.name))?;
         cutter.sense.check(&cutter.name)?;
+        if let Some(flow) = cutter.abrasive_g_per_min {
+            within(&format!("cutter {}: abrasive_g_per_min", cutter.name), flow, 0.0, 10_000.0)?;
+            if cutter.abrasive.is_none() {
+                return refuse("abrasive_g_per_min without `abrasive`", "the output of the abrasive");
+            }
+        }
         if cutter.spindle.is_some_and(|number| number > MAX_SPINDLE) {
             return refuse("there is no such spindle", "a number from 0 to 7, as in M3 $1");
         }

@@ -32,6 +32,9 @@ pub struct JetFlow {
     /// Longest time in s from the output of the pressure to that input; later is an alarm.
     #[schemars(range(min = 0.1, max = 60.0))]
     pub pressure_s: f64,
+    /// Time in s after which that input usually becomes active. `retrace check` counts it; it has no other effect.
+    #[schemars(range(min = 0.0, max = 60.0))]
+    pub usual_pressure_s: f64,
 }
 
 impl Default for JetFlow {
@@ -43,6 +46,7 @@ impl Default for JetFlow {
             purge_s: 0.0,
             pressure_input: None,
             pressure_s: 10.0,
+            usual_pressure_s: 0.3,
         }
     }
 }
@@ -61,6 +65,7 @@ impl JetFlow {
         let input = f64::from(self.pressure_input.unwrap_or(0));
         within(&named("pressure_input"), input, 0.0, (MAX_INPUTS - 1) as f64)?;
         within(&named("pressure_s"), self.pressure_s, 0.1, 60.0)?;
+        within(&named("usual_pressure_s"), self.usual_pressure_s, 0.0, 60.0)?;
         if self.abrasive_delay_s > 0.0 && self.abrasive_lead_s > 0.0 {
             let cause = format!("{} and abrasive_delay_s exclude each other", named("abrasive_lead_s"));
             return Err(NumberedError::new("E2112", cause, "one of them: the abrasive before the water, or behind it"));

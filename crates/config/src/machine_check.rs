@@ -143,6 +143,9 @@ fn errors_of(file: &MachineFile) -> Vec<NumberedError> {
             Vec::new()
         }
     };
+    if errors.len() == cutters_begin {
+        errors.extend(file.cost.as_ref().and_then(|cost| cost.check(&cutters).err()));
+    }
     errors.extend(cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys()).err());
     let outputs_begin = errors.len();
     errors.extend(file.output.iter().filter_map(|one| output_names(vec![one.clone()], &cutters).err()));

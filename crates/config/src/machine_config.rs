@@ -14,6 +14,7 @@ use crate::analog_output_conflicts::check_analog_outputs;
 use crate::axis::{self, AXIS_LETTERS, AxisConfig};
 use crate::card_config::{CardConfig, SPINDLE_PWM_OF_A_BEAM};
 use crate::channel_names::{self, ChannelNames};
+use crate::cost_config::CostConfig;
 use crate::cutter::{self, CutterConfig};
 use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutputs};
 use crate::manual_config::{ManualConfig, Written};
@@ -68,6 +69,8 @@ pub struct MachineConfig {
     pub retrace_outputs: RetraceOutputs,
     /// Its cutters.
     pub cutters: Vec<CutterConfig>,
+    /// Rates for the cost of a program, where the machine file has them.
+    pub cost: Option<CostConfig>,
     /// The material table that a cutter names, once [`MachineConfig::with_materials`] has set it.
     pub materials: Option<Arc<MaterialFile>>,
     /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
@@ -190,6 +193,7 @@ impl MachineConfig {
         let cutting_outputs = cutter::cutting_outputs(&cutters);
         let off_at_fault = cutter::off_at_fault(&cutters, file.spindle.orient_output);
         let mut card = file.card.checked(&axes, &off_at_fault, file.control_period_ms)?;
+        file.cost.as_ref().map_or(Ok(()), |cost| cost.check(&cutters))?;
         cutter::proofs_are_plain_inputs(&cutters, &card)?;
         cutter::declare_collision_inputs(&cutters, &mut card)?;
         let probe = file.probe.checked(&mut card, period_us)?;
@@ -227,6 +231,7 @@ impl MachineConfig {
             probe,
             retrace_outputs: file.retrace_outputs,
             cutters,
+            cost: file.cost,
             materials: None,
             cutting_outputs,
             tool_change: file.tool_change,

@@ -11,6 +11,7 @@ use serde::Deserialize;
 
 use crate::axis::AxisConfig;
 use crate::card_config::CardSection;
+use crate::cost_config::CostConfig;
 use crate::cutter::CutterSection;
 use crate::manual_config::{HomingSection, ManualSection};
 use crate::numbered_error::{NumberedError, nearest};
@@ -174,6 +175,8 @@ pub(crate) struct MachineFile {
     pub(crate) dry_waits: bool,
     /// Cutters: torch, jet, beam, marker, spindle.
     pub(crate) cutter: Vec<CutterSection>,
+    /// Rates for the cost of a program.
+    pub(crate) cost: Option<CostConfig>,
     /// Names of outputs.
     pub(crate) output: Vec<OutputSection>,
     /// Tool change at M6.
@@ -225,6 +228,7 @@ impl Default for MachineFile {
             cutting_outputs: Vec::new(),
             dry_waits: false,
             cutter: Vec::new(),
+            cost: None,
             output: Vec::new(),
             tool_change: ToolChange::Automatic,
             manual_tool_change: ToolChangeSection::default(),

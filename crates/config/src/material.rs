@@ -73,6 +73,8 @@ pub struct MaterialConfig {
     pub creep_feed_mm_per_min: f64,
     /// Whether a jet pierces at low pressure, and cuts at high pressure.
     pub low_pressure_pierce: bool,
+    /// Flow of the abrasive of a jet, g per minute; 0 is not given.
+    pub abrasive_g_per_min: f64,
 }
 
 impl MaterialConfig {
@@ -111,6 +113,7 @@ impl MaterialConfig {
             ramp_hold_s: 0.0,
             creep_feed_mm_per_min: 0.0,
             low_pressure_pierce: false,
+            abrasive_g_per_min: 0.0,
         }
     }
 }
@@ -286,7 +289,7 @@ macro_rules! figure {
 }
 
 /// Every figure of a material, in the order in which tables list them.
-pub(crate) const FIGURES: [FigureKey; 30] = [
+pub(crate) const FIGURES: [FigureKey; 31] = [
     figure!("thickness", Length, None, false, [0.0, 500.0], thickness_mm),
     figure!("kerf", Length, Some("KERF_WIDTH"), false, [0.0, 100.0], kerf_mm),
     figure!("pierce_height", Length, Some("PIERCE_HEIGHT"), true, [0.0, 200.0], pierce_height_mm),
@@ -349,4 +352,5 @@ pub(crate) const FIGURES: [FigureKey; 30] = [
         get: |material| f64::from(u8::from(material.low_pressure_pierce)),
         set: |material, value| material.low_pressure_pierce = value != 0.0,
     },
+    figure!("abrasive_g_per_min", Plain, None, false, [0.0, 10_000.0], abrasive_g_per_min),
 ];

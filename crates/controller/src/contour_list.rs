@@ -3,6 +3,7 @@
 //! Invariant: contours have the numbers that the run reports; of a program with very many of them the first are listed,
 //! and all are counted.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use retrace_gcode::{Material, ProgramLocation};
@@ -59,6 +60,8 @@ pub struct ContourList<const A: usize> {
     pub contours: Vec<PlannedContour<A>>,
     /// Number of contours.
     pub count: u64,
+    /// Number of starts of each cutter, by its name.
+    pub starts: BTreeMap<String, u64>,
     /// Each material with its figures, in the order of their first use.
     pub materials: Vec<MaterialSummary>,
     /// Channels that are on, each with the index of its contour.
@@ -77,6 +80,7 @@ impl<const A: usize> Default for ContourList<A> {
         Self {
             contours: Vec::new(),
             count: 0,
+            starts: BTreeMap::new(),
             materials: Vec::new(),
             open: Vec::new(),
             in_force: None,
@@ -105,6 +109,11 @@ impl<const A: usize> ContourList<A> {
         self.materials.iter().map(|summary| summary.cut_mm).sum()
     }
 
+    /// Material in force.
+    pub(crate) fn material(&self) -> Option<&Material> {
+        self.material.as_deref()
+    }
+
     /// Sets the material in force.
     pub(crate) fn set_material(&mut self, material: Option<&Arc<Material>>) {
         let is_same = match (material, &self.material) {
@@ -131,6 +140,10 @@ impl<const A: usize> ContourList<A> {
     /// The program lights the cutter of this channel at `at`.
     pub(crate) fn begin(&mut self, channel: u8, cutter: &str, line: u32, at: [f64; A]) {
         self.count += 1;
+        match self.starts.get_mut(cutter) {
+            Some(starts) => *starts += 1,
+            None => drop(self.starts.insert(cutter.to_owned(), 1)),
+        }
         self.summary().contours += 1;
         let number = self.count;
         self.open.push((channel, self.contours.len()));
@@ -243,13 +256,16 @@ mod tests {
         list.set_material(Some(&other));
         list.begin(64, "torch", 7, [12.0]);
         list.end(64, [12.0]);
+        list.begin(3, "jet", 9, [12.0]);
+        list.end(3, [12.0]);
         list.set_material(Some(&steel));
         list.rapid(12.0);
         let found: Vec<_> =
             list.contours.iter().map(|c| (c.number, c.line, c.length_mm, c.pierce_mm, c.end_mm)).collect();
-        assert_eq!(found, [(1, 3, 3.0, [5.0], [8.0]), (2, 7, 0.0, [12.0], [12.0])]);
-        assert_eq!(list.contours.iter().map(|c| c.location.is_some()).collect::<Vec<_>>(), [true, false]);
+        assert_eq!(found, [(1, 3, 3.0, [5.0], [8.0]), (2, 7, 0.0, [12.0], [12.0]), (3, 9, 0.0, [12.0], [12.0])]);
+        assert_eq!(list.starts, BTreeMap::from([("jet".to_owned(), 1), ("torch".to_owned(), 2)]));
+        assert_eq!(list.contours.iter().map(|c| c.location.is_some()).collect::<Vec<_>>(), [true, false, false]);
         let sums: Vec<_> = list.materials.iter().map(|sum| (sum.contours, sum.cut_mm, sum.rapid_mm)).collect();
-        assert_eq!((list.count, sums), (2, vec![(1, 3.0, 17.0), (1, 0.0, 0.0)]));
+        assert_eq!((list.count, sums), (3, vec![(1, 3.0, 17.0), (2, 0.0, 0.0)]));
     }
 }

@@ -18,6 +18,7 @@
 //! or accesses a file from its first control period to its last.
 #![forbid(unsafe_code)]
 
+mod abrasive_flow;
 mod any_card;
 mod approach;
 mod batch_channel;
@@ -77,6 +78,7 @@ mod telemetry;
 mod thread_plan;
 mod tool_length;
 
+pub use abrasive_flow::AbrasiveFlow;
 pub use any_card::{AnyCard, AnyCardFailure};
 pub use block_decoder::{BlockDecoder, DecodedBlock};
 pub use canon_executor::WorkOffset;

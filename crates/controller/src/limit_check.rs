@@ -77,6 +77,11 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         &self.at
     }
 
+    /// Whether the program has switched this output on.
+    pub(crate) fn is_on(&self, channel: u8) -> bool {
+        self.on.contains_key(&channel)
+    }
+
     /// Least and greatest coordinates of the ends of moves since the last call, mm.
     pub fn take_last(&mut self) -> Option<[[f64; 2]; A]> {
         self.last_mm.take()

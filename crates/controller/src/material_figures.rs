@@ -57,7 +57,7 @@ macro_rules! copied_material {
             puddle_percent, puddle_s, amps, volts, pause_at_end_s, gas_bar, cut_mode, height_control, creep_percent,
             creep_mm, off_before_mm, over_cut_mm, pierce_mm, pierce_feed_mm_per_min, wiggle_mm, wiggles, circle_mm,
             circles, pierces_in_motion, ramp_height_mm, ramp_delay_percent, ramp_hold_s, creep_feed_mm_per_min,
-            low_pressure_pierce
+            low_pressure_pierce, abrasive_g_per_min
         })
     };
 }

@@ -6,14 +6,15 @@
 //! Invariant: the records counted are those that a run at 100 % plays, so that the time is the run's motion time to the
 //! period.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use retrace_config::{EncoderConfig, MachineConfig};
+use retrace_config::{CutterConfig, EncoderConfig, MachineConfig};
 use retrace_core::Flags;
 use retrace_gcode::Probing;
-use retrace_link::{OutputChange, channel};
+use retrace_link::{LayerMove, OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, LimitError, PathMode, PlanFallbacks, Planner};
 
+use crate::abrasive_flow::AbrasiveFlow;
 use crate::block_decoder::BlockDecoder;
 use crate::canon_executor::WorkOffset;
 use crate::check_finding::CheckFinding;
@@ -78,12 +79,17 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub motion_periods: u64,
     /// Control periods of dwells.
     pub dwell_periods: u64,
-    /// Control periods of switching. Of waiting for inputs, those of the start of a cutter as it usually is.
+    /// Control periods of switching. Of waiting for inputs, those of the start of a cutter as it usually is: its proof,
+    /// and the pressure of a jet.
     pub switch_periods: u64,
     /// Layer of the tool axis, and that of the sheet once it was sensed.
     layer: (i32, Option<i32>),
     /// Control periods of starting the cutters and of their pierces; part of those of switching and of dwells.
     pub pierce_periods: u64,
+    /// Number of starts that sense the sheet.
+    pub sensings: u64,
+    /// Abrasive that the program uses.
+    pub abrasive: AbrasiveFlow,
     /// Numbers of the tools that are loaded into the spindle.
     pub tools: BTreeSet<u32>,
     /// Programmed feeds, mm/min (degrees/min where only rotary axes move).
@@ -120,6 +126,10 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     planner: Planner<A>,
     /// Recorder of the path, where the path is wanted.
     path: Option<PathRecorder>,
+    /// Serial number of the last move, which its records have for a tag: a line may have several moves.
+    serial: u32,
+    /// Serial numbers of the moves whose records are not all counted, with their lines.
+    lines: VecDeque<(u32, u32)>,
 }
 
 /// Maximum number of separate offsets; a program with more has the remaining ones in the last.
@@ -142,6 +152,8 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             switch_periods: 0,
             layer: (0, None),
             pierce_periods: 0,
+            sensings: 0,
+            abrasive: AbrasiveFlow::default(),
             tools: BTreeSet::new(),
             feed_mm_per_min: None,
             speed_rpm: None,
@@ -160,6 +172,8 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             is_certain: true,
             planner,
             path: None,
+            serial: 0,
+            lines: VecDeque::new(),
         })
     }
 
@@ -169,8 +183,10 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     }
 
     fn count(&mut self) {
-        while let Some(record) = self.planner.next_record() {
+        while let Some(mut record) = self.planner.next_record() {
             self.motion_periods += 1;
+            self.abrasive.count_record(record.line);
+            record.line = self.line_of(record.line);
             if let Some(path) = &mut self.path {
                 path.add(&record);
             }
@@ -181,6 +197,22 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     fn rest(&mut self) {
         self.planner.stop(Flags::NONE);
         self.count();
+        self.lines.clear();
+    }
+
+    /// The serial number of a new move of this line.
+    fn next_serial(&mut self, line: u32) -> u32 {
+        self.serial = self.serial.wrapping_add(1);
+        self.lines.push_back((self.serial, line));
+        self.serial
+    }
+
+    /// The line of the move with this serial number, 0 for a record of no move. Earlier moves are forgotten.
+    fn line_of(&mut self, serial: u32) -> u32 {
+        while self.lines.front().is_some_and(|&(first, _)| (1..1 << 31).contains(&serial.wrapping_sub(first))) {
+            self.lines.pop_front();
+        }
+        self.lines.front().filter(|&&(first, _)| first == serial).map_or(0, |&(_, line)| line)
     }
 
     /// Whether a move to `end_mm` can be planned: it is made for certain, and its ends and its feed are known. The plan
@@ -235,6 +267,8 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             return 0;
         };
         let (at, sheet) = self.layer;
+        let takes_earlier_height = matches!(moves, LayerMove::Start { may_skip: true, .. }) && sheet.is_some();
+        self.sensings += u64::from(matches!(moves, LayerMove::Start { .. }) && !takes_earlier_height);
         let (seconds, at, sheet) = layer.usual_s(moves, at, sheet);
         self.layer = (at, sheet);
         (seconds / machine.period_s()).round() as u64
@@ -247,6 +281,29 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         let cutter = switch.changes.iter().find_map(|change| machine.cutter_of(change.channel));
         let until_proof = cutter.map_or(0, |cutter| cutter.start.usual_periods(machine.period_us));
         u64::from(until_proof) + u64::from(ignition.stable_periods) + u64::from(ignition.delay_periods)
+    }
+
+    /// Control periods until the pressure of a jet is high, where an instruction raises it and waits for it.
+    fn pressure_periods(&self, switch: &SwitchInstruction<'_>) -> u64 {
+        let machine = self.scan.machine();
+        let Some(until) = switch.until else { return 0 };
+        let raised = switch.changes.iter().filter(|change| change.value != 0 && !self.scan.is_on(change.channel));
+        let jets = raised.filter_map(|change| {
+            let raises = |jet: &&CutterConfig| jet.pressure == Some(change.channel);
+            machine.cutters.iter().find(raises)?.jet.filter(|jet| jet.pressure_input == Some(until.input))
+        });
+        jets.map(|jet| (jet.usual_pressure_s / machine.period_s()).round() as u64).max().unwrap_or(0)
+    }
+
+    /// Records that the abrasive of a cutter is switched. The flow is that of the material or of the cutter.
+    fn record_abrasive(&mut self, change: OutputChange) {
+        let machine = self.scan.machine();
+        let Some(cutter) = machine.cutters.iter().find(|cutter| cutter.abrasive == Some(change.channel)) else {
+            return;
+        };
+        let of_material = self.scan.contours.material().map(|material| material.abrasive_g_per_min);
+        let g_per_min = of_material.filter(|&flow| flow > 0.0).or(cutter.abrasive_g_per_min);
+        self.abrasive.switch(change.channel, change.value != 0, g_per_min, self.serial.wrapping_add(1));
     }
 
     /// Gives an instruction or an action to the check of the moves, and counts the cutters that it lights.
@@ -270,6 +327,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
 
     fn record_switching(&mut self, change: OutputChange) {
         self.record_spindle(change);
+        self.record_abrasive(change);
         match change.channel {
             channel::SPEED => ValueRange::extend(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
             channel::TOOL => {
@@ -309,7 +367,8 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             return self.scan.straight(end_mm, feed, mode, line);
         }
         let length_mm = self.scan.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
-        self.planner.line(end_mm, feed, mode, line)?;
+        let serial = self.next_serial(line);
+        self.planner.line(end_mm, feed, mode, serial)?;
         self.scan.straight(end_mm, feed, mode, line)?;
         self.record_move(feed, length_mm, line);
         Ok(())
@@ -321,7 +380,8 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             self.is_time_partial = true;
             return self.scan.arc(arc, feed, mode, line);
         }
-        self.planner.arc(arc, feed, mode, line)?;
+        let serial = self.next_serial(line);
+        self.planner.arc(arc, feed, mode, serial)?;
         let length_mm = self.scan.arc_mm(arc);
         self.scan.arc(arc, feed, mode, line)?;
         self.record_move(feed, length_mm, line);
@@ -335,9 +395,12 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.rest();
+        let pressure_periods = self.pressure_periods(&switch);
         self.scan_switching(|scan| scan.exclusive(switch))?;
-        let periods = u64::from(switch.periods) + self.start_periods(&switch) + self.layer_periods(&switch);
+        let start_periods = self.start_periods(&switch) + pressure_periods;
+        let periods = u64::from(switch.periods) + start_periods + self.layer_periods(&switch);
         switch.changes.iter().for_each(|&change| self.record_switching(change));
+        self.abrasive.count_rest(periods);
         match switch.kind {
             ExclusiveKind::Dwell => self.dwell_periods += periods,
             ExclusiveKind::Switch => self.switch_periods += periods,

@@ -74,6 +74,8 @@ pub struct Material {
     pub creep_feed_mm_per_min: f64,
     /// Whether a jet pierces at low pressure, and cuts at high pressure.
     pub low_pressure_pierce: bool,
+    /// Flow of the abrasive of a jet, g per minute; 0 is not given.
+    pub abrasive_g_per_min: f64,
 }
 
 /// The materials that a program can select, and the default one.

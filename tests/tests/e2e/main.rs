@@ -9,6 +9,7 @@ mod card;
 mod check;
 mod check_answers;
 mod check_contours;
+mod check_costs;
 mod command;
 mod contours;
 mod cut_resume;

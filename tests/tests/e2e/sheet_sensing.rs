@@ -77,6 +77,8 @@ fn a_start_near_the_last_one_does_not_sense() {
             let checked = checked.retrace(["check", "part.ngc", "--machine", "m.toml", "--json"]);
             let summary: Value =
                 serde_json::from_str(checked.out.lines().last().unwrap_or_default()).expect("a summary");
+            assert_eq!(summary["sensings"], sensed.len(), "{skip_mm} {offset_mm}");
+            assert_eq!(summary["consumable_starts"], serde_json::json!([{ "cutter": "torch", "starts": 4 }]));
             let (estimate, really) = (summary["total_s"].as_f64().expect("a time"), run.number("periods") / 1000.0);
             assert!(offset_mm != "0" || (estimate / really - 1.0).abs() < 0.02, "{estimate} s, and {really} s");
         }
