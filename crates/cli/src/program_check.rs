@@ -3,7 +3,7 @@
 //! Invariant: a program with an error never starts.
 
 use retrace_config::{CutterKind, MachineConfig, NumberedError};
-use retrace_controller::{CheckFinding, LimitCheck, ProgramAnalysis, analyse_program, check_program};
+use retrace_controller::{CheckFinding, FrameRectangle, LimitCheck, ProgramAnalysis, analyse_program, check_program};
 use retrace_motion::LimitError;
 use serde_json::Value;
 
@@ -107,6 +107,27 @@ impl Program {
                 Err(NumberedError::new("E2151", what, "`retrace check` lists the contours of a program"))
             }
             _ => Ok(()),
+        }
+    }
+
+    /// Rectangle around what the program cuts on this machine, at its position.
+    ///
+    /// # Errors
+    /// `E2161` where it has none, or leaves the soft limits, and where the program has errors.
+    pub fn frame(&self, machine: &MachineConfig) -> Result<FrameRectangle, NumberedError> {
+        let refuse = |what: String, remedy: &str| NumberedError::new("E2161", what, remedy.to_owned());
+        if self.prescan().is_none() {
+            let what = "what standard input cuts is not known before it runs: it has no frame".to_owned();
+            return Err(refuse(what, "a program in a file"));
+        }
+        let mut decoder = self.decoder();
+        let (_, findings, found) = check_program::<9>(machine, &mut decoder);
+        // The side at which it is too large comes before the lines that are.
+        let frame = FrameRectangle::of_contours(machine, &found.contours)?;
+        let findings = diagnostic_json::all(self, &mut decoder, &findings);
+        match findings.iter().find(|one| one.is_error) {
+            Some(error) => Err(refuse(format!("the program has errors: {}", error.text), "correct the program")),
+            None => Ok(frame),
         }
     }
 

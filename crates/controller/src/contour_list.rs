@@ -62,6 +62,9 @@ pub struct ContourList<const A: usize> {
     pub count: u64,
     /// Number of starts of each cutter, by its name.
     pub starts: BTreeMap<String, u64>,
+    /// Least and greatest machine coordinate of each axis in what is cut, places where a cutter is lit included, mm;
+    /// NaN where one depends on answers of the machine.
+    pub extents_mm: Option<[[f64; 2]; A]>,
     /// Each material with its figures, in the order of their first use.
     pub materials: Vec<MaterialSummary>,
     /// Channels that are on, each with the index of its contour.
@@ -81,6 +84,7 @@ impl<const A: usize> Default for ContourList<A> {
             contours: Vec::new(),
             count: 0,
             starts: BTreeMap::new(),
+            extents_mm: None,
             materials: Vec::new(),
             open: Vec::new(),
             in_force: None,
@@ -140,6 +144,7 @@ impl<const A: usize> ContourList<A> {
     /// The program lights the cutter of this channel at `at`.
     pub(crate) fn begin(&mut self, channel: u8, cutter: &str, line: u32, at: [f64; A]) {
         self.count += 1;
+        self.cover(&at);
         match self.starts.get_mut(cutter) {
             Some(starts) => *starts += 1,
             None => drop(self.starts.insert(cutter.to_owned(), 1)),
@@ -206,6 +211,7 @@ impl<const A: usize> ContourList<A> {
         if self.open.is_empty() {
             return;
         }
+        self.cover(&at);
         for &(_, index) in &self.open {
             if let Some(contour) = self.contours.get_mut(index) {
                 contour.length_mm += length_mm;
@@ -213,6 +219,20 @@ impl<const A: usize> ContourList<A> {
             }
         }
         self.summary().cut_mm += length_mm;
+    }
+
+    /// What is cut reaches to this point; where no cutter is on, nothing is cut.
+    pub(crate) fn reach(&mut self, point: &[f64; A]) {
+        if self.is_cutting() {
+            self.cover(point);
+        }
+    }
+
+    fn cover(&mut self, point: &[f64; A]) {
+        for (range, &mm) in self.extents_mm.get_or_insert_with(|| point.map(|mm| [mm; 2])).iter_mut().zip(point) {
+            let is_known = !(mm.is_nan() || range[0].is_nan());
+            *range = if is_known { [range[0].min(mm), range[1].max(mm)] } else { [f64::NAN; 2] };
+        }
     }
 
     /// A rapid move of this length.
@@ -248,6 +268,7 @@ mod tests {
         list.locate(|| Some(ProgramLocation { line: 3, ..ProgramLocation::default() }));
         list.cut(2.0, [7.0]);
         list.cut(1.0, [8.0]);
+        list.reach(&[7.5]);
         assert!(list.is_cutting() && list.is_open(64) && !list.is_open(3));
         list.end(64, [8.0]);
         list.cut(4.0, [12.0]);
@@ -263,6 +284,8 @@ mod tests {
         let found: Vec<_> =
             list.contours.iter().map(|c| (c.number, c.line, c.length_mm, c.pierce_mm, c.end_mm)).collect();
         assert_eq!(found, [(1, 3, 3.0, [5.0], [8.0]), (2, 7, 0.0, [12.0], [12.0]), (3, 9, 0.0, [12.0], [12.0])]);
+        list.reach(&[99.0]);
+        assert_eq!(list.extents_mm, Some([[5.0, 12.0]]), "what is cut, and no rapid");
         assert_eq!(list.starts, BTreeMap::from([("jet".to_owned(), 1), ("torch".to_owned(), 2)]));
         assert_eq!(list.contours.iter().map(|c| c.location.is_some()).collect::<Vec<_>>(), [true, false, false]);
         let sums: Vec<_> = list.materials.iter().map(|sum| (sum.contours, sum.cut_mm, sum.rapid_mm)).collect();

@@ -134,7 +134,8 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
     /// Records a move of this length to `end_mm` in the contours.
     fn record_length(&mut self, feed: FeedRate, length_mm: f64, end_mm: [f64; A]) {
         match feed {
-            _ if length_mm.is_nan() => {}
+            // An unknown length is none of the sums; what it reaches is not known.
+            _ if length_mm.is_nan() => self.contours.reach(&end_mm),
             FeedRate::Rapid => self.contours.rapid(length_mm),
             FeedRate::PerSecond(_) | FeedRate::Duration(_) => self.contours.cut(length_mm, end_mm),
         }
@@ -212,6 +213,7 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
         self.record_length(feed, self.arc_mm(arc), arc.end_mm);
         for point in extremes(&self.at, arc) {
             self.visit(&point, line);
+            self.contours.reach(&point);
         }
         self.at = arc.end_mm;
         self.visit(&arc.end_mm, line);
@@ -243,6 +245,7 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
         self.moves += 1;
         self.at = end_mm;
         self.visit(&end_mm, line);
+        self.contours.reach(&end_mm);
         self.unknown_moves.insert(line);
     }
 

@@ -33,6 +33,7 @@ const ORDERS = {
   online: 'online',
   'clear-alarm': 'reset',
   home: 'home',
+  frame: 'frame',
 };
 
 /** Actions of the page: they move nothing, and watchers have them too. */

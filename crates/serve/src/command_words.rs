@@ -51,6 +51,7 @@ pub(crate) fn parse(words: &str, model: &ScreenModel) -> Result<Order, NumberedE
             .and_then(task),
         ("zero", "" | "all") => task(ManualTask::WorkZero(None)),
         ("zero", letter) => task(ManualTask::WorkZero(Some(axis(letter, model)?))),
+        ("frame", "") => command(UiCommand::Frame),
         ("dry", "run on") => command(UiCommand::DryRun(true)),
         ("dry", "run off") => command(UiCommand::DryRun(false)),
         ("reset", "") if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => command(UiCommand::CloseRefusal),
@@ -144,6 +145,7 @@ mod tests {
         assert_eq!(probe, command(UiCommand::Task(ManualTask::Mdi(block.into()))));
         assert_eq!(parsed("zero", &setup), command(UiCommand::Task(ManualTask::WorkZero(None))));
         assert_eq!(parsed("home Z", &setup), command(UiCommand::Task(ManualTask::Home(Some('z')))));
+        assert_eq!(parsed("frame", &setup), command(UiCommand::Frame));
         assert_eq!(parsed("start line 120", &setup), command(UiCommand::StartLine(120)));
         assert_eq!(parsed("open part 2.ngc", &setup), Order::Open("part 2.ngc".into()));
         assert_eq!(parsed("resume job 2026-1", &setup), Order::Resume("2026-1".into()));

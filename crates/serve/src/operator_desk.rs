@@ -251,6 +251,7 @@ impl OperatorDesk {
                 refuse("no alarm is active", "nothing needs to be done")
             }
             UiCommand::Task(_)
+            | UiCommand::Frame
             | UiCommand::DryRun(_)
             | UiCommand::SetTables(_)
             | UiCommand::StartContour(_)

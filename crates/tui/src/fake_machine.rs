@@ -154,6 +154,7 @@ impl FakeMachine {
             | UiCommand::CutterOff
             | UiCommand::OptionalStop(_)
             | UiCommand::SetUp
+            | UiCommand::Frame
             | UiCommand::Load(_)
             | UiCommand::Answer(_)
             | UiCommand::CloseRefusal

@@ -312,6 +312,7 @@ impl KeyState {
             }
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
+            KeyAction::Frame => return Some(UiCommand::Frame),
             KeyAction::DryRun => {
                 return Some(UiCommand::DryRun(!model.dry_run));
             }

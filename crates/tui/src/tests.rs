@@ -495,6 +495,12 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
 }
 
 #[test]
+fn a_frame_is_traced_by_a_key_in_setup() {
+    let mut bench = ScreenFixture::new();
+    assert_eq!(bench.key(Key::Char('F')), Some(UiCommand::Frame));
+}
+
+#[test]
 fn a_probing_cycle_is_entered_in_words_and_called_as_an_mdi_block() {
     let mut bench = ScreenFixture::new();
     bench.keys("P");

@@ -29,6 +29,8 @@ pub enum UiCommand {
     SetUp,
     /// Load another program from this file.
     Load(PathBuf),
+    /// Trace the rectangle around what the program cuts, with the pointer.
+    Frame,
     /// Switch every cutter off.
     CutterOff,
     /// Switch optional stop (M1) on or off.

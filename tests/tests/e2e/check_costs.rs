@@ -96,12 +96,12 @@ fn abrasive_starts_and_time_are_those_of_the_run() {
         assert_eq!(abrasive.len(), 3, "{jet}: {abrasive:?}");
         let (ran_s, said_s) = (abrasive.iter().sum::<f64>(), number(&checked, "abrasive_s"));
         // With a lead the water's proof is waited for with the abrasive on; each step begins in a period of its own.
-        assert!((said_s - ran_s).abs() <= 0.03, "{jet}: {said_s} s of abrasive, and {ran_s} s in the run");
+        assert!((said_s - ran_s).abs() <= 0.01, "{jet}: {said_s} s of abrasive, and {ran_s} s in the run");
         let ran_kg = (300.0 * (abrasive[0] + abrasive[1]) + 450.0 * abrasive[2]) / 60_000.0;
         let said_kg = number(&checked, "abrasive_kg");
         assert!((said_kg - ran_kg).abs() <= 0.01 * ran_kg, "{jet}: {said_kg} kg, and {ran_kg} kg in the run");
         let (ran_s, said_s) = (run.number("periods") / 1000.0, number(&checked, "total_s"));
-        assert!((said_s - ran_s).abs() <= 0.01 * ran_s, "{jet}: {said_s} s, and the run took {ran_s} s");
+        assert!((said_s - ran_s).abs() <= 0.05, "{jet}: {said_s} s, and the run took {ran_s} s");
         let lit = [times_on(&trace, "out3").len(), times_on(&trace, "out2").len()];
         assert_eq!((lit, &checked["pierces"]), ([3, 1], &json!(4)));
         assert_eq!(

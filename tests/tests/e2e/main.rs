@@ -18,6 +18,7 @@ mod dnc;
 mod error_catalogue;
 mod feed_override;
 mod feed_per_turn;
+mod frame;
 mod hand;
 mod heights;
 mod ignored_ok;

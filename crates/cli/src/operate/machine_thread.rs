@@ -23,6 +23,7 @@ use retrace_tui::{
 };
 
 use super::command_router::{CommandRouter, NOT_CANCELLABLE, is_start};
+use super::manual_observer::ManualObserver;
 use super::{ResumingJob, preview_thread, table_edits};
 use crate::args::{self, Reading};
 use crate::command_failure::CommandFailure;
@@ -155,6 +156,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::StartLine(line)) => self.run_from_line(line),
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
+                Ok(UiCommand::Frame) => self.trace_frame(),
                 Ok(UiCommand::Load(path)) => self.load_program(path),
                 Ok(UiCommand::CutterOff) => self.cutters_off(),
                 Ok(UiCommand::OptionalStop(on)) => {
@@ -325,6 +327,22 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
         self.publish_outputs();
         self.check_again();
+    }
+
+    /// Traces the rectangle around what the program cuts at this position, with these offsets.
+    fn trace_frame(&mut self) {
+        if let Some(why) = self.cannot_begin() {
+            return self.reject_text(why);
+        }
+        if let Err(refusal) = self.homing.check(&self.machine) {
+            return self.reject(refusal);
+        }
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
+        let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
+        match self.while_idle(|| program.reopened(setup)?.frame(&machine)) {
+            Ok(frame) => self.perform_task(&ManualTask::Frame(frame)),
+            Err(refusal) => self.reject(refusal),
+        }
     }
 
     /// Replaces offsets and tool data.
@@ -579,19 +597,4 @@ fn ask(model: &Mutex<ScreenModel>, commands: &Receiver<UiCommand>, title: &str, 
     };
     lock_model(model).ask(None);
     is_agreed
-}
-
-/// Observer of manual tasks: to the controller an MDI block is a job of its own, to the screen it is none.
-struct ManualObserver(ModelObserver);
-
-impl<const A: usize> Observer<A> for ManualObserver {
-    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
-        match telemetry {
-            Telemetry::Event(Event { kind: EventKind::Started, .. }) => {}
-            Telemetry::Period(period) => {
-                self.0.on_telemetry(&Telemetry::Period(PeriodRecord { off_path: true, ..*period }))
-            }
-            telemetry => self.0.on_telemetry(telemetry),
-        }
-    }
 }

@@ -10,6 +10,7 @@
 
 mod command_router;
 mod machine_thread;
+mod manual_observer;
 mod page;
 mod preview_thread;
 mod signals;

@@ -2,8 +2,10 @@
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
+mod frame;
 mod perform;
 
+pub use frame::FrameRectangle;
 pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};
 
 /// A task of the operator.
@@ -35,6 +37,8 @@ pub enum ManualTask {
     Output(u8, i32),
     /// Switch the first torch, jet or beam on for its test pulse (CUT-9).
     TestPulse,
+    /// Trace the rectangle around what the program cuts, with the pointer (CUT-59).
+    Frame(FrameRectangle),
 }
 
 impl ManualTask {

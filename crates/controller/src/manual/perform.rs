@@ -14,6 +14,7 @@ use retrace_journal::JournalConfig;
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
+use super::frame::{self, FrameRectangle};
 use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
@@ -213,6 +214,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 self.run_periods(if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 })
             }
             ManualTask::TestPulse => self.test_pulse(),
+            ManualTask::Frame(frame) => self.trace_frame(frame),
             // Blocks are not handled here.
             ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Completed { cut_short: false }),
         }
@@ -299,25 +301,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         }
         let mut end = counts;
         end[index] = to;
-        let executed = self.card.status().executed;
-        let mut trip = ManualMove::begin(
-            &mut self.hand,
-            JogRequest::Straight { from: counts, to: end },
-            executed,
-            self.enough,
-            self.run_mode.wall_time,
-        );
-        let ended = loop {
-            let ended = trip.advance(&mut self.hand, self.card).map_err(CardError::from)?;
-            if let Some(ended) = ended {
-                break ended;
-            }
-            self.run_period()?;
-            if self.stopped {
-                trip.stop();
-                self.stopped = false;
-            }
-        };
+        let ended = self.play_move(JogRequest::Straight { from: counts, to: end })?;
         let cut_short = to != wanted;
         self.emit_jogged(index, from, cut_short || ended == ManualMoveEnd::Stopped);
         // The rest of the move is discarded.
@@ -328,6 +312,64 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             ManualMoveEnd::NotPlanned => {
                 Err(NumberedError::new("E2161", "the move cannot be planned", "a shorter move").into())
             }
+        }
+    }
+
+    /// Plays a move to its end or to where it is stopped.
+    fn play_move(&mut self, request: JogRequest<A>) -> Result<ManualMoveEnd, ManualTaskError> {
+        let executed = self.card.status().executed;
+        let mut trip = ManualMove::begin(&mut self.hand, request, executed, self.enough, self.run_mode.wall_time);
+        loop {
+            let ended = trip.advance(&mut self.hand, self.card).map_err(CardError::from)?;
+            if let Some(ended) = ended {
+                return Ok(ended);
+            }
+            self.run_period()?;
+            if self.stopped {
+                trip.stop();
+                self.stopped = false;
+            }
+        }
+    }
+
+    /// Traces a rectangle with the pointer, which is on along it and off again behind it.
+    fn trace_frame(&mut self, frame: &FrameRectangle) -> Result<ManualTaskDone, ManualTaskError> {
+        let CardStatus { counts, outputs, .. } = *self.card.status();
+        frame::require_cutters_off(self.machine, &outputs)?;
+        let corners = frame.corners(self.machine, counts)?;
+        let done = self.visit_corners(&corners);
+        self.switch_pointer(false);
+        let settled = self.run_periods(if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 });
+        let done = done?;
+        settled.map(|_| done)
+    }
+
+    fn visit_corners(&mut self, corners: &[[i64; A]]) -> Result<ManualTaskDone, ManualTaskError> {
+        for (index, &to) in corners.iter().enumerate() {
+            let from = self.card.status().counts;
+            let request =
+                if index == 0 { JogRequest::Approach { from, to } } else { JogRequest::Straight { from, to } };
+            let ended = if from == to { ManualMoveEnd::Completed } else { self.play_move(request)? };
+            // What is left of a move is discarded.
+            self.begin()?;
+            match ended {
+                ManualMoveEnd::Completed => {}
+                ManualMoveEnd::Stopped => return Ok(ManualTaskDone::Stopped),
+                ManualMoveEnd::NotPlanned => {
+                    return Err(NumberedError::new("E2161", "the frame cannot be planned", "a smaller one").into());
+                }
+            }
+            if index == 0 {
+                self.switch_pointer(true);
+            }
+        }
+        Ok(ManualTaskDone::Completed { cut_short: false })
+    }
+
+    /// Switches the output of the pointer, if it has one. A card without that output switches nothing.
+    fn switch_pointer(&mut self, on: bool) {
+        if let Some(channel) = self.machine.setting_up.pointer_output {
+            let _ = self.card.send(HostCommand::ManualOutput(OutputChange { channel, value: i32::from(on) }));
         }
     }
 

@@ -1,6 +1,7 @@
 //! The integration tests of `retrace-controller`, in one binary, which links once.
 
 mod baud;
+mod frame;
 mod hold;
 mod interruption;
 mod json_events;
