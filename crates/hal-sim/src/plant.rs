@@ -337,7 +337,7 @@ impl<const A: usize> Plant<A> {
         set(&mut self.active, input, active);
     }
 
-    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range; nothing happens where there is no such input.
+    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range. Without such an input nothing happens.
     pub fn set_analog_input(&mut self, number: u8, reading: u16) {
         if let Some(input) = self.analog.get_mut(usize::from(number)) {
             *input = Some(reading);
