@@ -57,7 +57,7 @@ impl<'a> CuttingReport<'a> {
             figures.push(format!("sensings {}", self.sensings));
         }
         for (name, starts) in &self.consumable_starts {
-            figures.push(format!("consumable starts of {} {starts}", crate::escape::name(name)));
+            figures.push(format!("consumable starts of {}: {starts}", crate::escape::name(name)));
         }
         if self.abrasive_s > 0.0 {
             figures.push(if self.has_unknown_abrasive {

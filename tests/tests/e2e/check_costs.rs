@@ -139,7 +139,7 @@ fn a_cost_is_reported_where_the_machine_file_has_rates() {
     let text = |bench: &Bench| bench.retrace(["check", "p.ngc", "--machine", "m.toml"]).out;
     let shown = text(&bench);
     assert!(!shown.contains("cost"), "{shown}");
-    assert_contains(&shown, &["\n  consumable starts of torch 1 · abrasive 0.0"]);
+    assert_contains(&shown, &["\n  consumable starts of torch: 1 · abrasive 0.0"]);
     let rates = "[cost]\ncurrency = \"EUR\"\nper_hour = 90\nper_pierce = 0.5\nper_metre = 2\nper_kg_abrasive = 40\n";
     bench.file("m.toml", machine(jet, rates));
     let checked = check(&bench);
