@@ -8,8 +8,9 @@ use retrace_link::{
     MAX_SAFE,
 };
 
+use crate::FOLLOWED_SPINDLES;
+use crate::outputs;
 use crate::step_direction::StepTiming;
-use crate::{FOLLOWED_SPINDLES, OutputCounts};
 
 /// Checked settings.
 #[derive(Clone, Debug)]
@@ -60,11 +61,10 @@ impl<const A: usize> CheckedSettings<A> {
         {
             return Err(CommandRefusal::Unsupported);
         }
-        let outputs = OutputCounts::of(identity);
-        if !settings.safe().iter().all(|change| outputs.has_channel(change.channel)) {
+        if !settings.safe().iter().all(|change| outputs::has_channel(identity.outputs, change.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
-        if !settings.cutting.channels().iter().all(|of| outputs.has_channel(of.channel)) {
+        if !settings.cutting.channels().iter().all(|of| outputs::has_channel(identity.outputs, of.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
         let (pulse_ns, setup_ns) = (settings.pulse_ns, settings.direction_setup_ns);

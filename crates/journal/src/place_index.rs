@@ -88,8 +88,7 @@ pub struct InputAnswer {
     pub block: u64,
     /// Place of the wait.
     pub place: u32,
-    /// The level of the input, 1 or 0; −1 where the time was over. Of an analog input the reading, in units of 2⁻¹⁶ of
-    /// its range.
+    /// The level of the input, 1 or 0; −1 where the time was over.
     pub value: i32,
 }
 

@@ -382,14 +382,14 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
                 }
                 return Ok(());
             }
-            HostCommand::Action(action) if action.channel != channel::HEIGHT && !channel::is_output(action.channel) => {
+            HostCommand::Action(action) if action.channel > channel::HEIGHT => {
                 return Err(CommandRefusal::NoSuchChannel);
             }
-            HostCommand::ManualOutput(change) if !channel::is_output(change.channel) => {
+            HostCommand::ManualOutput(change) if usize::from(change.channel) >= channel::COUNT => {
                 return Err(CommandRefusal::NoSuchChannel);
             }
             HostCommand::Repeat(repeated)
-                if repeated.changes().iter().any(|change| !channel::is_output(change.channel)) =>
+                if repeated.changes().iter().any(|change| usize::from(change.channel) >= channel::COUNT) =>
             {
                 return Err(CommandRefusal::NoSuchChannel);
             }
