@@ -1,4 +1,4 @@
-//! `cargo xtask test`: the steps that a change must pass, and a table of their results.
+//! `cargo xtask test`: the steps that a change must pass, one after the other, and a table of their results.
 //!
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
@@ -10,7 +10,6 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
-use std::thread;
 use std::time::{Duration, Instant};
 
 /// One step: its purpose, and its command.
@@ -58,30 +57,17 @@ pub(crate) const STEPS: &[Step] = &[
     Step { name: "rustdoc", purpose: "the documents build without a warning", run: rustdoc },
 ];
 
-/// Two steps that run at the same time, since each of them leaves a processor idle for most of its time: the proofs
-/// wait for their longest, and an emulator is one thread. Their lines are mixed in the output.
-const BESIDE: [&str; 2] = ["verify", "firmware"];
-
-/// Runs a step and returns its name, its result and its duration.
-fn timed(step: &Step, root: &Path, settings: &Settings) -> (&'static str, Outcome, Duration) {
-    println!("--- {}: {}", step.name, step.purpose);
-    let started = Instant::now();
-    let outcome = (step.run)(root, settings);
-    (step.name, outcome, started.elapsed())
-}
-
 /// Runs the steps named in `only`, or all of them, and returns whether all passed.
 pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
-    let mut rows = Vec::new();
+    let mut rows: Vec<(&str, Outcome, Duration)> = Vec::new();
     if tools::browser().is_none() && (only.is_empty() || only.contains(&"browser")) {
         println!("NOT RUN  browser: {NO_BROWSER}");
     }
-    let chosen: Vec<&Step> = STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)).collect();
-    for steps in chosen.chunk_by(|step, next| [step.name, next.name] == BESIDE) {
-        thread::scope(|scope| {
-            let running: Vec<_> = steps.iter().map(|step| scope.spawn(|| timed(step, root, settings))).collect();
-            rows.extend(running.into_iter().map(|step| step.join().expect("no step panics")));
-        });
+    for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
+        println!("--- {}: {}", step.name, step.purpose);
+        let started = Instant::now();
+        let outcome = (step.run)(root, settings);
+        rows.push((step.name, outcome, started.elapsed()));
     }
     println!("\n{:<8} {:<7} {:>8}", "step", "result", "seconds");
     for (name, outcome, took) in &rows {
