@@ -5,7 +5,9 @@
 
 use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
-use retrace_link::{CardStatus, HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel};
+use retrace_link::{
+    CardStatus, CommandRefusal, HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel,
+};
 
 use super::probing::OffPathMove;
 use super::{ProgramStop, Session};
@@ -85,11 +87,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer, spindle };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
-        self.card.send(HostCommand::Instruction(instruction)).map_err(|refusal| CardError::Fault {
-            number: "E3001",
-            cause: format!("the card rejected {code}: {refusal:?}"),
-            remedy: "the machine is at the position that the card reports; check the card, then resume".into(),
-        })?;
+        match self.card.send(HostCommand::Instruction(instruction)) {
+            Ok(()) => {}
+            // What waits on the line leaves no room where the computer was late: it is sent in a later period. The card
+            // waits at its place.
+            Err(CommandRefusal::Full) => return Ok(false),
+            Err(refusal) => {
+                return Err(CardError::Fault {
+                    number: "E3001",
+                    cause: format!("the card rejected {code}: {refusal:?}"),
+                    remedy: "the machine is at the position that the card reports; check the card, then resume".into(),
+                });
+            }
+        }
         self.program_stop = ProgramStop::No;
         self.streamer.mark_sent();
         self.executing = Some(kind);

@@ -19,6 +19,8 @@ struct LateLine {
     delays: u32,
     /// The instruction on its way, and the control periods until it arrives.
     on_its_way: Option<(Instruction, u32)>,
+    /// Times that each instruction finds no room on the line, and those that are left for the next one.
+    full: [u32; 2],
 }
 
 impl MotionCard<4> for LateLine {
@@ -34,6 +36,14 @@ impl MotionCard<4> for LateLine {
                 self.delays -= 1;
                 self.on_its_way = Some((instruction, LATE));
                 Ok(())
+            }
+            HostCommand::Instruction(_) if self.full[1] > 0 => {
+                self.full[1] -= 1;
+                Err(CommandRefusal::Full)
+            }
+            HostCommand::Instruction(_) => {
+                self.full[1] = self.full[0];
+                self.card.send(command)
             }
             command => self.card.send(command),
         }
@@ -59,7 +69,7 @@ impl MotionCard<4> for LateLine {
 
 fn run_late(program: &str, (is_late, delays): (fn(&Instruction) -> bool, u32), script: &str) -> Run<LateLine> {
     let machine = machine();
-    let card = LateLine { card: card(&machine, ""), is_late, delays, on_its_way: None };
+    let card = LateLine { card: card(&machine, ""), is_late, delays, on_its_way: None, full: [0; 2] };
     run_part(&machine, program, script, JobStart::First, card)
 }
 
@@ -96,5 +106,27 @@ fn a_torch_that_goes_off_within_its_cut_is_lit_again_or_the_job_is_stopped() {
         let stopped = run_late(&program, (is_dwell, 1), script);
         assert_eq!(stopped.end.outcome, Outcome::Stopped);
         stopped.assert_safe();
+    }
+}
+
+/// What waits on the line because the computer was late leaves no room for an instruction: it is sent again, and is
+/// executed once.
+#[test]
+fn an_instruction_that_finds_no_room_on_the_line_is_sent_in_a_later_period() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let machine = machine();
+    for periods in [1, 40] {
+        let card = LateLine {
+            card: card(&machine, ""),
+            is_late: switches_off,
+            delays: 0,
+            on_its_way: None,
+            full: [periods; 2],
+        };
+        let job = run_part(&machine, PROGRAM, "", JobStart::First, card);
+        assert_eq!(job.end.outcome, Outcome::Completed);
+        job.assert_part_of(&whole);
+        job.assert_safe();
+        assert_eq!((job.ignitions(), job.contours()), (whole.ignitions(), whole.contours()));
     }
 }
