@@ -55,6 +55,29 @@ pub fn binary() -> &'static Path {
     })
 }
 
+/// The `retrace` command with these arguments. A check, and a program in virtual time, run at a lower priority than a
+/// card that is served and its host, whose time is the clock's: many tests run at once.
+#[must_use]
+pub fn retrace_command<I>(arguments: I) -> Command
+where
+    I: IntoIterator<Item: AsRef<OsStr>>,
+{
+    let arguments: Vec<OsString> = arguments.into_iter().map(|argument| argument.as_ref().to_owned()).collect();
+    let is_program = arguments.first().is_some_and(|name| name == "check" || name == "run");
+    let is_port = |argument: &OsString| argument.to_str().is_some_and(|text| text.starts_with("/dev/"));
+    let is_virtual = is_program && !arguments.iter().any(is_port);
+    let mut command = if is_virtual { at_lower_priority(binary()) } else { Command::new(binary()) };
+    command.args(arguments);
+    command
+}
+
+/// A program that yields the processor to what runs in the clock's time.
+pub(crate) fn at_lower_priority(program: &Path) -> Command {
+    let mut command = Command::new("nice");
+    command.args(["-n", "10"]).arg(program);
+    command
+}
+
 /// The executable of a package of the workspace, which cargo builds in the profile of the tests.
 pub(crate) fn built(package: &str) -> Option<PathBuf> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
@@ -109,8 +132,8 @@ impl Bench {
     /// Where it cannot be run.
     #[must_use]
     pub fn start(&self, arguments: &[&str], input: Stdio, result: &str) -> Child {
-        let mut command = Command::new(binary());
-        command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
+        let mut command = retrace_command(arguments);
+        command.current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
         let out = File::create(self.path(result)).expect("a file of the test");
         command.stdin(input).stdout(out).stderr(Stdio::null()).spawn().expect("the retrace command runs")
@@ -139,8 +162,8 @@ impl Bench {
     {
         let (input_path, out, err) = (self.file("stdin.txt", input), self.path("stdout.txt"), self.path("stderr.txt"));
         let arguments: Vec<OsString> = arguments.into_iter().map(|argument| argument.as_ref().to_owned()).collect();
-        let mut command = Command::new(binary());
-        command.args(&arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
+        let mut command = retrace_command(&arguments);
+        command.current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
         let code = finished(&mut command, &input_path, &out, &err).unwrap_or_else(|error| panic!("{error}"));
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();

@@ -2,10 +2,9 @@
 //!
 //! Invariant: the judge gets the two files and the figures of the machine, and nothing else.
 
-use crate::command::built;
+use crate::command::{at_lower_priority, built};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::OnceLock;
 
 /// Longest time in ms that a card waits at rest for the next instruction with the cutter on, with some periods until
@@ -126,7 +125,7 @@ pub fn judge_served(whole: impl AsRef<Path>, trace: impl AsRef<Path>, machine: &
 
 fn judge_standing(whole: &Path, trace: &Path, machine: &JudgedMachine, standing_ms: u32) -> Verdict {
     let JudgedMachine { pulses_per_mm, fire, input, pierce_ms, pilot_ms, has_lead_ins } = *machine;
-    let mut command = Command::new(binary());
+    let mut command = at_lower_priority(binary());
     command.args([whole, trace]).args(["--fire", fire, "--input", &input.to_string()]);
     command.args(["--standing-ms", &standing_ms.to_string()]);
     let numbers = [("--pulses-per-mm", pulses_per_mm), ("--pierce-ms", pierce_ms), ("--pilot-ms", pilot_ms)];

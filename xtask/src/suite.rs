@@ -98,7 +98,7 @@ fn tests(root: &Path, settings: &Settings) -> Outcome {
         Ok(binary) => binary,
         Err(remark) => return Outcome { passed: false, remark },
     };
-    let mut command = process::cargo(root, &["test"]);
+    let mut command = at_lower_priority(&process::cargo(root, &["test"]));
     command.args(TESTED).args(["--tests", "--no-fail-fast"]);
     // Many end-to-end tests wait for machine time: eight at a time on two processors.
     if std::env::var_os("RUST_TEST_THREADS").is_none() {
@@ -114,6 +114,17 @@ fn tests(root: &Path, settings: &Settings) -> Outcome {
     }
     let outcome = count_tests(command.env("RETRACE_BIN", binary).env("RETRACE_NOT_RUN", &list));
     without_those_not_run(outcome, &std::fs::read_to_string(&list).unwrap_or_default())
+}
+
+/// The command at a lower priority than the kernel's own threads. They carry the bytes between a card that is served on
+/// a pseudo-terminal and its host: behind the load of the tests these would be late by more than a look-ahead.
+fn at_lower_priority(command: &Command) -> Command {
+    let mut nice = Command::new("nice");
+    nice.args(["-n", "10"]).arg(command.get_program()).args(command.get_args());
+    if let Some(folder) = command.get_current_dir() {
+        nice.current_dir(folder);
+    }
+    nice
 }
 
 /// Why the step `browser` does not run.

@@ -179,6 +179,7 @@ fn run_threads<const A: usize, C: MotionCard<A>>(
     let mut feeder = PlanWriter::new(planner, producer, sender, origin.outputs, &cancel)
         .with_index(keeping.index, &origin.counts)
         .with_inhibited(machine.inhibited_channels(), machine.dry_waits)
+        .with_wall_time(run_mode.wall_time)
         .with_limits(machine);
     let (within, resumption) = match begin {
         JobStart::First => (None, None),

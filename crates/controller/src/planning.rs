@@ -135,7 +135,11 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         }
         // State behind the last block, which ends the program.
         modes.for_each(|(_, active)| self.plan_writer.set_active_codes(active));
-        self.write_block(&batch.steps[first..])
+        match &batch.steps[first..] {
+            // A batch ends where the decoder happened to be: that begins no block.
+            [] if self.blocks > 0 => Ok(()),
+            steps => self.write_block(steps),
+        }
     }
 
     /// Gives a thread that was collected to the plan writer, or only records it before the start line. Returns the

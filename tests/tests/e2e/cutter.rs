@@ -231,7 +231,7 @@ fn a_stop_while_the_cutter_is_started_again_leaves_no_motion_behind() {
     let script = "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\nafter 0.1s stop\n";
     let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("part.ngc", JET_PROGRAM);
-    bench.file("m.toml", machine(JET, ""));
+    bench.file("m.toml", machine(JET, "") + "[card]\nwatchdog_ms = 2000\n");
     bench.file("s.op", script);
     let arguments = ["run", "part.ngc", "--machine", "m.toml", "--operator", "s.op", "--json", "--card", &card.port];
     let stopped = bench.retrace(arguments);

@@ -215,7 +215,13 @@ fn hold_jog(page: &mut Page, number: u32, up: bool) -> (f64, u32, Value) {
             order.to_string()
         };
         page.send_text(&jog(1000 + beat, "x", beat));
-        done(&page.answer(1000 + beat));
+        let answer = page.answer(1000 + beat);
+        if answer["number"] == "E2421" {
+            // The jog before has stopped, and its order is not over yet.
+            page.listen(Duration::from_millis(100));
+            continue;
+        }
+        done(&answer);
         page.send_text(&jog(2000 + beat, "y", 99));
         let another = page.answer(2000 + beat);
         let begun = Instant::now();

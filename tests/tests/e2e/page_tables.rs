@@ -3,6 +3,8 @@
 use retrace_tests::command::Bench;
 use retrace_tests::page_client::{Answer, Page, PageServer};
 use serde_json::{Value, json};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 /// A tool changes its length in force, and the machine goes to the work zero.
 const PROGRAM: &str = "G21 G90 G17 G94 G61\nG55\nF3000\nG1 X0 Y0\nG1 X60\nG1 X0\nM2\n";
@@ -25,7 +27,14 @@ impl Tables {
         page.take_control();
         page.wait_for_word("READY");
         let cookie = page.cookie.clone();
-        Self { server, page, cookie }
+        let tables = Self { server, page, cookie };
+        // The server may be ready before the machine has told its tables.
+        let begun = Instant::now();
+        while tables.get("offsets").0["systems"].as_array().is_none_or(Vec::is_empty) {
+            assert!(begun.elapsed() < Duration::from_secs(30), "the tables do not come");
+            sleep(Duration::from_millis(10));
+        }
+        tables
     }
 
     fn get(&self, table: &str) -> (Value, String) {

@@ -1,6 +1,7 @@
 //! Threads by the command: G33 and G76 with an encoder on the spindle (SPN-12, SPN-16, SPN-17, SPN-18, SPN-25).
 
 use std::fs;
+use std::io::Write;
 use std::process::Stdio;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -134,6 +135,27 @@ fn the_screen_shows_the_thread_that_is_cut() {
     let text = terminal.wait_for_text("in a thread");
     assert!(text.contains("G33 G") && !text.contains("mm/min rapid"), "{text}");
     terminal.wait_for_text("program completed");
+}
+
+/// A thread is planned when the block behind it has arrived. The index names the block that begins it all the same,
+/// whether the decoder waits in between, as here, or not, as when the job is resumed.
+#[test]
+fn a_thread_at_the_end_of_what_has_arrived_is_found_again() {
+    let bench = Bench::new();
+    bench.file("m.toml", ENCODER);
+    bench.file("stop.op", "at 0.9s stop\n");
+    let run = ["run", "-", "--machine", "m.toml", "--operator", "stop.op", "--json"];
+    let mut child = bench.start(&run, Stdio::piped(), "stopped.txt");
+    let mut sender = child.stdin.take().expect("a pipe");
+    let (first, rest) = THREAD.split_at(THREAD.find("G0 X4").expect("behind the thread"));
+    sender.write_all(first.as_bytes()).expect("it reads");
+    sleep(Duration::from_millis(300));
+    sender.write_all(rest.as_bytes()).expect("it reads");
+    drop(sender);
+    assert_eq!(child.wait().expect("it ends").code(), Some(4));
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(report(&resumed.out)["position_counts"]["z"], 5_000);
 }
 
 fn report(out: &str) -> Value {

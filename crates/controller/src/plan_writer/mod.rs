@@ -82,6 +82,15 @@ struct WaitingChange {
 /// more frequent while the ring stays full.
 const MAX_RECORDS_PER_MARK: u32 = 64;
 
+/// Pause between two attempts to write while there is no room: a small part of the least look-ahead.
+const ROOM_PAUSE: Duration = Duration::from_millis(1);
+
+/// The same in virtual time, where the motion makes room as fast as it can.
+const ROOM_PAUSE_VIRTUAL: Duration = Duration::from_micros(50);
+
+/// Time without room after which a proposed tool length is answered.
+const PROPOSAL_DELAY: Duration = Duration::from_millis(15);
+
 /// Origin of a move that may still come out of the planner.
 #[derive(Clone, Copy, Debug)]
 struct SerialOrigin {
@@ -100,6 +109,8 @@ pub struct PlanWriter<'r, const A: usize> {
     ring: Producer<'r, Record<A>>,
     items: SyncSender<PathItem>,
     cancel: &'r AtomicBool,
+    /// Pause between two attempts to write where the motion has to make room first.
+    room_pause: Duration,
     /// Overrides above 100 %.
     overrides: OverrideApplier,
     /// The machine whose soft limits no move may leave. None where limits are not checked.
@@ -153,6 +164,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             ring,
             items,
             cancel,
+            room_pause: ROOM_PAUSE_VIRTUAL,
             overrides: OverrideApplier::default(),
             machine: None,
             lengths: Lengths::default(),
@@ -190,6 +202,13 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let begins = self.next_mark.place;
         let behind = |mark: &&PlaceMark| begins.is_before(mark.place);
         Self { expected_marks: marks.iter().filter(behind).copied().collect(), ..self }
+    }
+
+    /// Sets whether the motion takes as long as a clock: the planner is then far ahead of it, and attempts to write are
+    /// [`ROOM_PAUSE`] apart, so that a full look-ahead costs next to no processor time.
+    #[must_use]
+    pub fn with_wall_time(self, is_wall_time: bool) -> Self {
+        Self { room_pause: if is_wall_time { ROOM_PAUSE } else { ROOM_PAUSE_VIRTUAL }, ..self }
     }
 
     /// Enables planned overrides above 100 %.
@@ -551,6 +570,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
 
     /// Retries until it succeeds: first immediately, then with longer and longer pauses. Stops when cancelled.
     fn retry(&mut self, mut attempt: impl FnMut(&mut Self) -> Option<Result<(), Cancelled>>) -> Result<(), Cancelled> {
+        let mut paused = Duration::ZERO;
         for tries in 0u32.. {
             if let Some(result) = attempt(self) {
                 return result;
@@ -559,10 +579,13 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 0..50 => std::hint::spin_loop(),
                 50..100 => thread::yield_now(),
                 _ if self.cancel.load(Ordering::Relaxed) => break,
-                100..400 => thread::sleep(Duration::from_micros(50)),
+                _ if paused < PROPOSAL_DELAY => {
+                    paused += self.room_pause;
+                    thread::sleep(self.room_pause);
+                }
                 _ => {
                     self.answer_proposal()?;
-                    thread::sleep(Duration::from_micros(500));
+                    thread::sleep(Duration::from_micros(500).max(self.room_pause));
                 }
             }
         }
