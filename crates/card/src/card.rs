@@ -14,7 +14,7 @@ use crate::homing::{HomingEnd, HomingSearch};
 use crate::safety_monitor::MotionState;
 use crate::spindle_pwm::{PwmSignal, duty_of};
 use crate::window::RecordStorage;
-use crate::{BacklashCompensation, CheckedSettings, InputLevels, Inputs, Player, SafetyMonitor};
+use crate::{BacklashCompensation, CheckedSettings, InputLevels, Inputs, OutputCounts, Player, SafetyMonitor};
 
 /// Card for `A` axes, a window of `W` records and averages of the rate law of up to `M` periods.
 ///
@@ -44,7 +44,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     #[must_use]
     pub const fn new(identity: CardIdentity) -> Option<Self> {
         // `?` is not allowed in a constant
-        let Some(player) = Player::unconfigured(RecordIndex::new(0), identity.outputs) else { return None };
+        let Some(player) = Player::unconfigured(RecordIndex::new(0), OutputCounts::of(&identity)) else { return None };
         Some(Self::with_player(identity, player))
     }
 }
@@ -53,7 +53,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M, &'static mut 
     /// Creates a card as [`Card::new`] does, with a window whose records are provided by [`Card::lend_records`].
     #[must_use]
     pub const fn without_records(identity: CardIdentity) -> Option<Self> {
-        let Some(player) = Player::unconfigured_without_records(identity.outputs) else { return None };
+        let Some(player) = Player::unconfigured_without_records(OutputCounts::of(&identity)) else { return None };
         Some(Self::with_player(identity, player))
     }
 
@@ -99,7 +99,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         if records.as_ref().len() != W {
             return None;
         }
-        Some(Self::with_player(identity, Player::unconfigured_with_records(records, identity.outputs)?))
+        Some(Self::with_player(identity, Player::unconfigured_with_records(records, OutputCounts::of(&identity))?))
     }
 
     /// Restores counts and output values, for a card that retained both over a restart. To be called before anything
@@ -162,7 +162,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             self.latch_alarm(alarm);
         }
         let report = self.player.status_mut();
-        (report.inputs, report.wheel) = (self.inputs.active(), wheel);
+        (report.inputs, report.analog_inputs, report.wheel) = (self.inputs.active(), inputs.analog, wheel);
         self.player.status()
     }
 

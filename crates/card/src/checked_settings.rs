@@ -8,9 +8,8 @@ use retrace_link::{
     MAX_SAFE,
 };
 
-use crate::FOLLOWED_SPINDLES;
-use crate::outputs;
 use crate::step_direction::StepTiming;
+use crate::{FOLLOWED_SPINDLES, OutputCounts};
 
 /// Checked settings.
 #[derive(Clone, Debug)]
@@ -61,10 +60,11 @@ impl<const A: usize> CheckedSettings<A> {
         {
             return Err(CommandRefusal::Unsupported);
         }
-        if !settings.safe().iter().all(|change| outputs::has_channel(identity.outputs, change.channel)) {
+        let outputs = OutputCounts::of(identity);
+        if !settings.safe().iter().all(|change| outputs.has_channel(change.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
-        if !settings.cutting.channels().iter().all(|of| outputs::has_channel(identity.outputs, of.channel)) {
+        if !settings.cutting.channels().iter().all(|of| outputs.has_channel(of.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
         let (pulse_ns, setup_ns) = (settings.pulse_ns, settings.direction_setup_ns);

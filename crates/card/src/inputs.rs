@@ -2,7 +2,7 @@
 //!
 //! Invariant: a level is converted to *active* in one place; inputs that the card does not have are never active.
 
-use retrace_link::{InputSetting, InputUse, MAX_INPUTS};
+use retrace_link::{AnalogInputs, InputSetting, InputUse, MAX_INPUTS};
 
 use crate::EncoderReading;
 
@@ -20,6 +20,8 @@ pub struct InputLevels {
     pub probe_change: Option<u16>,
     /// The spindle's encoder.
     pub spindle: EncoderReading,
+    /// Readings of the analog inputs.
+    pub analog: AnalogInputs,
 }
 
 /// Time for which the contact of a probe that is left may bounce, µs.

@@ -45,7 +45,7 @@ pub use homing::{HomingEnd, HomingSearch};
 pub use inputs::{InputLevels, Inputs};
 pub use layer::{LayerDrive, LayerProgress, SheetFault};
 pub use linked_card::{LentCard, LinkedCard};
-pub use outputs::OutputBank;
+pub use outputs::{OutputBank, OutputCounts};
 pub use permit::CutterPermit;
 pub use player::Player;
 pub use probe_drive::ProbeDrive;

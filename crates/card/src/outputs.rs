@@ -3,14 +3,46 @@
 //! Invariant: while an alarm is latched, the channels that the settings define as safe keep their safe values, whatever
 //! is requested.
 
-use retrace_link::{CommandRefusal, OutputChange, Outputs, channel};
+use retrace_link::{CardIdentity, CommandRefusal, OutputChange, Outputs, channel};
+
+/// Numbers of the outputs that differ between cards.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutputCounts {
+    /// Digital outputs, from number 0 on.
+    pub digital: u8,
+    /// Analog outputs, from number 0 on.
+    pub analog: u8,
+}
+
+impl OutputCounts {
+    /// All that the protocol knows.
+    pub const ALL: Self = Self { digital: channel::DIGITAL as u8, analog: channel::ANALOG_OUTPUTS as u8 };
+
+    /// Returns the numbers that the identity of a card names.
+    #[must_use]
+    pub const fn of(identity: &CardIdentity) -> Self {
+        Self { digital: identity.outputs, analog: identity.analog_outputs }
+    }
+
+    /// Whether a card with so many outputs has this channel. The channels from [`channel::DIGITAL`] on that are not
+    /// analog always exist.
+    #[must_use]
+    pub const fn has_channel(self, channel: u8) -> bool {
+        if (channel as usize) < channel::DIGITAL {
+            channel < self.digital
+        } else if channel::is_analog(channel) {
+            channel - channel::ANALOG < self.analog
+        } else {
+            channel::is_output(channel)
+        }
+    }
+}
 
 /// Values of all channels.
 #[derive(Clone, Debug)]
 pub struct OutputBank {
     values: Outputs,
-    /// Number of digital outputs, from number 0 on.
-    digital: u8,
+    counts: OutputCounts,
     /// Channels that an alarm has locked, one bit each.
     locked: u128,
 }
@@ -18,11 +50,10 @@ pub struct OutputBank {
 const _: () = assert!(channel::COUNT <= 128);
 
 impl OutputBank {
-    /// Creates a bank with all values zero and `digital` digital outputs; the channels above [`channel::DIGITAL`]
-    /// always exist.
+    /// Creates a bank with all values zero and so many outputs.
     #[must_use]
-    pub const fn new(digital: u8) -> Self {
-        Self { values: [0; channel::COUNT], digital, locked: 0 }
+    pub const fn new(counts: OutputCounts) -> Self {
+        Self { values: [0; channel::COUNT], counts, locked: 0 }
     }
 
     /// Returns the values.
@@ -39,7 +70,7 @@ impl OutputBank {
     /// Whether the channel exists.
     #[must_use]
     pub const fn has_channel(&self, channel: u8) -> bool {
-        has_channel(self.digital, channel)
+        self.counts.has_channel(channel)
     }
 
     /// Sets a channel, unless an alarm has locked it: then nothing changes. Used by instructions and actions.
@@ -70,7 +101,7 @@ impl OutputBank {
         for &change in changes {
             self.set(change);
         }
-        let existing = changes.iter().filter(|change| has_channel(self.digital, change.channel));
+        let existing = changes.iter().filter(|change| self.counts.has_channel(change.channel));
         self.locked = existing.fold(0, |locked, change| locked | 1 << change.channel);
     }
 
@@ -80,28 +111,30 @@ impl OutputBank {
     }
 }
 
-/// Whether a card with `digital` digital outputs has this channel.
-pub(crate) const fn has_channel(digital: u8, channel: u8) -> bool {
-    let number = channel as usize;
-    channel < digital && number < channel::DIGITAL || channel::DIGITAL <= number && number < channel::COUNT
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn an_alarm_keeps_what_is_safe_and_nothing_else() {
-        let mut bank = OutputBank::new(8);
+        let mut bank = OutputBank::new(OutputCounts { digital: 8, analog: 2 });
         let change = |channel, value| OutputChange { channel, value };
         assert_eq!(bank.set_manually(change(8, 1)), Err(CommandRefusal::NoSuchChannel));
         assert_eq!(bank.set_manually(change(channel::COUNT as u8, 1)), Err(CommandRefusal::NoSuchChannel));
+        let analog = [channel::HEIGHT, channel::HEIGHT + 1, channel::ANALOG + 2, channel::COUNT as u8 - 1];
+        for none in analog {
+            assert_eq!(bank.set_manually(change(none, 1)), Err(CommandRefusal::NoSuchChannel), "{none}");
+        }
+        assert_eq!(bank.set_manually(change(channel::ANALOG + 1, 5 * channel::ANALOG_ONE)), Ok(()));
         bank.set(change(3, 1));
         bank.set(change(4, 1));
         bank.lock_safe(&[change(3, 0), change(channel::SPINDLE, 0), change(200, 1)]);
         bank.set(change(3, 1));
         assert_eq!(bank.set_manually(change(channel::SPINDLE, 1)), Err(CommandRefusal::Alarm));
         assert_eq!(bank.set_manually(change(3, 0)), Ok(()));
+        bank.lock_safe(&[change(3, 0), change(channel::SPINDLE, 0), change(channel::ANALOG + 1, 4)]);
+        bank.set(change(channel::ANALOG + 1, 7));
+        assert_eq!(bank.values()[usize::from(channel::ANALOG) + 1], 4, "an analog output has a safe value of its own");
         bank.set(change(4, 2));
         assert_eq!((bank.values()[3], bank.values()[4], bank.values()[64]), (0, 2, 0));
         bank.lock_safe(&[change(3, 7)]);

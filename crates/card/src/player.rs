@@ -19,7 +19,7 @@ use crate::probe_drive::ProbeDrive;
 use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
 use crate::{
-    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, GearDrive, InstructionExecutor, OutputBank,
+    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, GearDrive, InstructionExecutor, OutputBank, OutputCounts,
     SpindleFollower,
 };
 
@@ -90,27 +90,23 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     #[must_use]
     pub fn new(start: RecordIndex, limits: RateLimits<A>) -> Option<Self> {
         let drive = Drive::new(limits)?;
-        Some(Self { drive, ..Self::unconfigured(start, channel::DIGITAL as u8)? })
+        Some(Self { drive, ..Self::unconfigured(start, OutputCounts::ALL)? })
     }
 
-    /// Creates a player with `digital` digital outputs and without limits of a machine: nothing may be played on it.
-    pub(crate) const fn unconfigured(start: RecordIndex, digital: u8) -> Option<Self> {
+    /// Creates a player with so many outputs and without limits of a machine: nothing may be played on it.
+    pub(crate) const fn unconfigured(start: RecordIndex, counts: OutputCounts) -> Option<Self> {
         // `?` is not allowed in a constant
         let Some(drive) = Drive::unconfigured() else { return None };
-        Some(Self::with_window(CardWindow::new(start), drive, start, digital))
+        Some(Self::rest(CardWindow::new(start), drive, start, counts))
     }
 }
 
 impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mut [Record<A>]> {
     /// Creates a player as [`Player::unconfigured`] does, whose records are provided later.
-    pub(crate) const fn unconfigured_without_records(digital: u8) -> Option<Self> {
+    pub(crate) const fn unconfigured_without_records(counts: OutputCounts) -> Option<Self> {
         let Some(drive) = Drive::unconfigured() else { return None };
-        Some(Self::with_window(
-            CardWindow::with_records(RecordIndex::new(0), &mut []),
-            drive,
-            RecordIndex::new(0),
-            digital,
-        ))
+        let start = RecordIndex::new(0);
+        Some(Self::rest(CardWindow::with_records(start, &mut []), drive, start, counts))
     }
 
     /// Sets the storage of the `W` records.
@@ -120,13 +116,13 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mu
 }
 
 impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
-    const fn with_window(window: CardWindow<A, W, S>, drive: Drive<A, M>, start: RecordIndex, digital: u8) -> Self {
+    const fn rest(window: CardWindow<A, W, S>, drive: Drive<A, M>, start: RecordIndex, counts: OutputCounts) -> Self {
         Self {
             window,
             drive,
             actions: ActionTable::new(),
             switching: InstructionExecutor::new(),
-            outputs: OutputBank::new(digital),
+            outputs: OutputBank::new(counts),
             target: RateTarget::ZERO,
             replay: false,
             off_path: false,
@@ -156,9 +152,9 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
 
 impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
     /// Creates a player as [`Player::unconfigured`] does, with its `W` records in `records`.
-    pub(crate) fn unconfigured_with_records(records: S, digital: u8) -> Option<Self> {
+    pub(crate) fn unconfigured_with_records(records: S, counts: OutputCounts) -> Option<Self> {
         let start = RecordIndex::new(0);
-        Some(Self::with_window(CardWindow::with_records(start, records), Drive::unconfigured()?, start, digital))
+        Some(Self::rest(CardWindow::with_records(start, records), Drive::unconfigured()?, start, counts))
     }
 
     /// Begins an epoch: the window is empty and instruction_begins with the record of `start`. Counts and outputs are

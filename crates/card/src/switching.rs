@@ -559,6 +559,7 @@ impl InstructionExecutor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::OutputCounts;
     use retrace_link::{InputWait, OutputChange, channel};
 
     fn instruction(number: u32, periods: u32, until: Option<InputWait>) -> Instruction {
@@ -569,7 +570,7 @@ mod tests {
 
     #[test]
     fn takes_its_time_and_keeps_the_order() {
-        let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
+        let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(OutputCounts::ALL));
         let spindle = |outputs: &OutputBank| outputs.values()[usize::from(channel::SPINDLE)];
         assert_eq!(switching.store(instruction(2, 0, None), &outputs), Err(CommandRefusal::Busy));
         switching.store(instruction(1, 2, None), &outputs).expect("the next number");
@@ -597,7 +598,8 @@ mod tests {
 
     #[test]
     fn a_channel_that_is_not_there_is_refused_before_anything_is_switched() {
-        let (mut switching, outputs) = (InstructionExecutor::default(), OutputBank::new(4));
+        let (mut switching, outputs) =
+            (InstructionExecutor::default(), OutputBank::new(OutputCounts { digital: 4, ..OutputCounts::ALL }));
         let mut bad = instruction(1, 0, None);
         bad.count = 2;
         bad.changes[1] = OutputChange { channel: 4, value: 1 };
@@ -607,7 +609,7 @@ mod tests {
 
     /// Periods after which an instruction ends, and how, where the input becomes active in period `at`.
     fn ending(periods: u32, at_most: u32, at: u32) -> (u32, Option<Alarm>) {
-        let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
+        let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(OutputCounts::ALL));
         let until = Some(InputWait::new(5, true, at_most));
         switching.store(instruction(1, periods, until), &outputs).expect("the next number");
         switching.begin(&mut outputs, &mut LayerDrive::new());
@@ -646,7 +648,7 @@ mod tests {
 
     #[test]
     fn a_failure_that_the_machine_reports_ends_it_unexecuted() {
-        let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
+        let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(OutputCounts::ALL));
         switching.store(instruction(1, 5, None), &outputs).expect("the next number");
         assert_eq!(switching.run_period(0, true, &mut outputs, &mut LayerDrive::new(), None), None);
         switching.begin(&mut outputs, &mut LayerDrive::new());

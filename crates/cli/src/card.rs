@@ -116,7 +116,9 @@ fn outputs_text(outputs: &Outputs, names: &ChannelNames) -> String {
         Err(why) => why.clone(),
         Ok(outputs) if outputs.is_empty() => "all off".into(),
         Ok(outputs) => {
-            let each = outputs.iter().map(|(number, value)| format!("{} {value}", names.name(*number)));
+            let each = outputs
+                .iter()
+                .map(|(number, value)| format!("{} {}", names.name(*number), names.value_text(*number, *value)));
             each.collect::<Vec<_>>().join(", ")
         }
     }
@@ -172,7 +174,7 @@ fn greeting_text(
     let of = &greeting.identity;
     let mut text = format!(
         "{address}: `{}`, serial number {}, protocol {}\n  \
-         {} axes, {} outputs, {} inputs{}, a window of {} records, a rate law of up to {} periods\n  \
+         {} axes, {} outputs, {} inputs{}{}, a window of {} records, a rate law of up to {} periods\n  \
          periods of {} to {} µs, up to {} pulses a second, a clock of {} Hz\n  \
          {} at place {}, counts {:?}",
         card_name(of),
@@ -187,6 +189,11 @@ fn greeting_text(
             (false, true) => ", a spindle encoder",
             (false, false) => "",
         },
+        [(of.analog_outputs, "outputs"), (of.analog_inputs, "inputs")]
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, what)| format!(", {count} analog {what}"))
+            .collect::<String>(),
         of.window,
         of.memory,
         of.min_period_us,
@@ -223,6 +230,8 @@ fn greeting_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs
         "axes": of.axes,
         "outputs": of.outputs,
         "inputs": of.inputs,
+        "analog_outputs": of.analog_outputs,
+        "analog_inputs": of.analog_inputs,
         "spindle_pwm": of.has_spindle_pwm,
         "spindle_encoder": of.has_spindle_encoder,
         "window": of.window,

@@ -15,11 +15,11 @@ use std::time::{Duration, Instant};
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, PlantSettings, faults};
-use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
+use retrace_link::{Alarm, CardFailure, PathStart};
 use serde_json::{Value, json};
 
 use crate::files::unwritable;
-use crate::manual_inputs::ManualInput;
+use crate::manual_inputs::{DeclaredInputs, ManualInput};
 use crate::sim_wiring::{hung_on, parsed_source_faults};
 use crate::simulated_work::parsed_work;
 use crate::{args, files, linked_card};
@@ -54,7 +54,8 @@ fn serve_error(what: impl Into<String>, remedy: impl Into<String>) -> NumberedEr
 
 fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<(), NumberedError> {
     let mut rig = build_simulator::<A>(args, machine)?;
-    let inputs = machine.card_settings::<A>(PathStart::at(RecordIndex::new(0))).inputs;
+    let digital = machine.card_settings::<A>(PathStart::at(RecordIndex::new(0))).inputs;
+    let inputs = DeclaredInputs { digital: &digital, analog: &machine.card.analog_inputs };
     let pty = Pty::open()
         .map_err(|error| serve_error(format!("no pseudo-terminal is available: {error}"), "see `man pts`"))?;
     if let Some(link) = &args.link {
@@ -69,7 +70,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
         lines: lines_of_input(args.until_eof || args.manual_inputs || !std::io::stdin().is_terminal()),
     };
     let mut served = ServeCounters { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
-    served.run(&mut rig, &end, &inputs)?;
+    served.run(&mut rig, &end, inputs)?;
     rig.flush();
     if let Some(link) = &args.link {
         let _ = std::fs::remove_file(link);
@@ -140,7 +141,12 @@ impl ServeEnd {
     }
 
     /// Executes the lines from standard input. Returns whether serving ends.
-    fn poll_end<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
+    fn poll_end<const A: usize>(
+        &self,
+        started: Instant,
+        rig: &mut CardSimulator<A>,
+        inputs: DeclaredInputs<'_>,
+    ) -> bool {
         let ended = loop {
             match self.lines.try_recv() {
                 Ok(line) => match ManualInput::read(&line, inputs) {
@@ -190,7 +196,7 @@ impl ServeCounters {
         &mut self,
         rig: &mut CardSimulator<A>,
         end: &ServeEnd,
-        inputs: &[InputSetting],
+        inputs: DeclaredInputs<'_>,
     ) -> Result<(), NumberedError> {
         // Real-time scheduling makes this thread as prompt as a card, where it is permitted. Threads started earlier
         // keep their scheduling.

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use retrace_config::{MachineConfig, NumberedError, channel_name};
+use retrace_config::{MachineConfig, NumberedError, amount_text, channel_name};
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::{
@@ -256,6 +256,9 @@ fn event_label(event: &Value) -> Option<(Priority, String)> {
 fn switched(event: &Value) -> String {
     let channel = event["channel"].as_u64().and_then(|channel| u8::try_from(channel).ok()).unwrap_or_default();
     let name = event["name"].as_str().map_or_else(|| channel_name(channel), str::to_owned);
+    if let (Some(unit), Some(value)) = (event["unit"].as_str(), event["value"].as_i64()) {
+        return format!("{name} {}", amount_text(value as i32, unit));
+    }
     match event["value"].as_i64() {
         Some(0) => format!("{name} off"),
         Some(1) => format!("{name} on"),

@@ -290,6 +290,7 @@ fn output_text(names: &ChannelNames, number: u8, value: i32) -> String {
         channel::SPEED if name != channel_name(channel::SPEED) => format!("{name} {}", f64::from(value) / 1000.0),
         channel::SPEED => format!("{} rev/min", f64::from(value) / 1000.0),
         channel::TOOL => format!("tool {value}"),
+        analog if channel::is_analog(analog) => format!("{name} {}", names.value_text(number, value)),
         _ if value == 1 => format!("{name} on"),
         _ => format!("{name} {value}"),
     }

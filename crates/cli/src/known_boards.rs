@@ -21,6 +21,8 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         inputs: 8,
         has_spindle_pwm: false,
         has_spindle_encoder: false,
+        analog_outputs: 0,
+        analog_inputs: 0,
         window: 1024,
         memory: 256,
         tick_hz: 2_000_000,

@@ -87,6 +87,20 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
             misfits.push(format!("{name} is output {channel}; the card has {} outputs", identity.outputs));
         }
     }
+    for output in machine.card.analog_outputs.iter().filter(|output| output.number >= identity.analog_outputs) {
+        let (name, number) = (&output.name, output.number);
+        misfits.push(match identity.analog_outputs {
+            0 => format!("{name} is analog output {number}; the card has no analog outputs"),
+            count => format!("{name} is analog output {number}; the card has {count} of them"),
+        });
+    }
+    for input in machine.card.analog_inputs.iter().filter(|input| input.number >= identity.analog_inputs) {
+        let (name, number) = (&input.name, input.number);
+        misfits.push(match identity.analog_inputs {
+            0 => format!("{name} is analog input {number}; the card has no analog inputs"),
+            count => format!("{name} is analog input {number}; the card has {count} of them"),
+        });
+    }
     if let Some(beam) = machine.powered_beam().filter(|_| !identity.has_spindle_pwm) {
         misfits.push(format!("{} has `power`; the card has no output for the power of a beam", beam.name));
     } else if machine.spindle_pwm().is_some() && !identity.has_spindle_pwm {

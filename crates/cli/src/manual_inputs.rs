@@ -2,6 +2,7 @@
 //!
 //! Invariant: a line that cannot be parsed has no effect, and is reported.
 
+use retrace_config::AnalogInput;
 use retrace_hal_sim::{CardSimulator, SpindlePlant};
 use retrace_link::{InputSetting, InputUse};
 
@@ -9,7 +10,14 @@ use retrace_link::{InputSetting, InputUse};
 const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
     probe`, `press breakaway`, \
     `input 5 on`, `input 5 off`, `unplug`, `plug in`, `power off`, `power on`, `spindle load 30% for 200ms`, `spindle \
-    stall`, `spindle free`, `spindle turn -2`, `encoder dead`, `encoder lose 7`, `encoder no-index`";
+    stall`, `spindle free`, `spindle turn -2`, `encoder dead`, `encoder lose 7`, `encoder no-index`, `analog 1 3.2`";
+
+/// Inputs of the machine file.
+#[derive(Clone, Copy, Debug)]
+pub struct DeclaredInputs<'m> {
+    pub digital: &'m [InputSetting],
+    pub analog: &'m [AnalogInput],
+}
 
 /// Manual input.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +32,8 @@ pub enum ManualInput {
     Cable { is_in: bool },
     /// Switches the card off or on: its state and position are lost, and the machine stays where it is.
     Power { is_on: bool },
+    /// Sets an analog input, to a reading in units of 2⁻¹⁶ of its range.
+    Analog { number: u8, reading: u16 },
     /// Something happens to the spindle or its encoder.
     Spindle(SpindleEvent),
 }
@@ -46,17 +56,17 @@ pub enum SpindleEvent {
 }
 
 impl ManualInput {
-    /// Parses a line; `inputs` are the inputs of the machine file. `None` for an empty line, and for a comment after
+    /// Parses a line; inputs are those of the machine file. `None` for an empty line, and for a comment after
     /// `#`.
     ///
     /// # Errors
     /// The line is invalid; the text includes the syntax.
-    pub fn read(line: &str, inputs: &[InputSetting]) -> Result<Option<Self>, String> {
+    pub fn read(line: &str, inputs: DeclaredInputs<'_>) -> Result<Option<Self>, String> {
         let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
         let wrong = || format!("`{}` is not a manual input; possible are {SYNTAX}", line.trim());
         let input = |what: &str, active: bool| -> Result<Self, String> {
             let used_for = used_for(what).ok_or_else(wrong)?;
-            let number = inputs.iter().position(|input| input.used_for == used_for);
+            let number = inputs.digital.iter().position(|input| input.used_for == used_for);
             let number = number.ok_or_else(|| format!("no input is wired as {what}; see `[[card.input]]`"))?;
             Ok(Self::Input { number: number as u8, active })
         };
@@ -70,8 +80,15 @@ impl ManualInput {
             ["press", what] => input(what, true)?,
             ["release", what] => input(what, false)?,
             ["input", number, level @ ("on" | "off")] => {
-                let number = number.parse().ok().filter(|&number: &u8| usize::from(number) < inputs.len());
+                let number = number.parse().ok().filter(|&number: &u8| usize::from(number) < inputs.digital.len());
                 Self::Input { number: number.ok_or_else(wrong)?, active: level == "on" }
+            }
+            ["analog", number, amount] => {
+                let number = number.parse::<u8>().ok();
+                let amount = amount.parse::<f64>().ok().filter(|amount| amount.is_finite()).ok_or_else(wrong)?;
+                let input = inputs.analog.iter().find(|input| Some(input.number) == number);
+                let input = input.ok_or("no such analog input is declared; see `[[card.analog_input]]`")?;
+                Self::Analog { number: input.number, reading: input.reading(amount) }
             }
             ["unplug"] => Self::Cable { is_in: false },
             ["plug", "in"] => Self::Cable { is_in: true },
@@ -89,6 +106,7 @@ impl ManualInput {
             Self::Wheel { counts_per_s, for_us } => machine.turn_wheel_for(now_us, counts_per_s, for_us),
             Self::Notch(counts) => machine.turn_wheel(counts),
             Self::Input { number, active } => machine.set_input(number, active),
+            Self::Analog { number, reading } => machine.set_analog_input(number, reading),
             Self::Spindle(event) => {
                 if let Some(spindle) = machine.spindle() {
                     event.apply(spindle);
@@ -152,13 +170,17 @@ fn microseconds(text: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retrace_config::MachineConfig;
 
     #[test]
     fn what_is_said_is_done_to_what_is_wired() {
-        let mut inputs = [InputSetting::default(); 16];
-        inputs[12].used_for = InputUse::Door;
-        inputs[7].used_for = InputUse::Collision { only_lit: false };
-        let read = |line| ManualInput::read(line, &inputs).expect(line);
+        let mut digital = [InputSetting::default(); 16];
+        digital[12].used_for = InputUse::Door;
+        digital[7].used_for = InputUse::Collision { only_lit: false };
+        let text = "[[card.analog_input]]\nnumber = 1\nname = \"arc\"\nunit = \"V\"\nat_full = 256\n";
+        let machine = MachineConfig::parse(text, "m.toml").expect("valid");
+        let inputs = DeclaredInputs { digital: &digital, analog: &machine.card.analog_inputs };
+        let read = |line| ManualInput::read(line, inputs).expect(line);
         assert_eq!(read("wheel -120 for 2s"), Some(ManualInput::Wheel { counts_per_s: -120, for_us: 2_000_000 }));
         assert_eq!(read("wheel 3 for 1.5ms # slowly"), Some(ManualInput::Wheel { counts_per_s: 3, for_us: 1500 }));
         assert_eq!(read("wheel -7"), Some(ManualInput::Notch(-7)));
@@ -175,6 +197,8 @@ mod tests {
         assert_eq!(read("spindle turn -2.5"), spindle(SpindleEvent::Turned(-2.5)));
         assert_eq!(read("encoder lose 7"), spindle(SpindleEvent::CountsLost(7)));
         assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
+        assert_eq!(read("analog 1 3.25"), Some(ManualInput::Analog { number: 1, reading: 832 }));
+        assert_eq!(read("analog 1 -7"), Some(ManualInput::Analog { number: 1, reading: 0 }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [
             "door",
@@ -193,11 +217,14 @@ mod tests {
             "spindle",
             "spindle load 130% for 1s",
             "encoder lose many",
+            "analog 1",
+            "analog 1 nan",
         ] {
-            assert!(ManualInput::read(bad, &inputs).expect_err(bad).contains("is not a manual input"), "{bad}");
+            assert!(ManualInput::read(bad, inputs).expect_err(bad).contains("is not a manual input"), "{bad}");
         }
+        assert!(ManualInput::read("analog 0 1", inputs).expect_err("not declared").contains("[[card.analog_input]]"));
         assert!(
-            ManualInput::read("press probe", &inputs).expect_err("not wired").contains("no input is wired as probe")
+            ManualInput::read("press probe", inputs).expect_err("not wired").contains("no input is wired as probe")
         );
     }
 }

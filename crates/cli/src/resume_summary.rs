@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
-use retrace_config::{MachineConfig, NumberedError};
+use retrace_config::{ChannelNames, MachineConfig, NumberedError};
 use retrace_controller::ResumePlan;
 use retrace_gcode::Progress;
 use retrace_journal::JobRecord;
@@ -109,10 +109,13 @@ impl<const A: usize> ResumeSummary<'_, A> {
             ("modes", block.active.clone()),
             ("tool", prepared.expected_outputs()[usize::from(channel::TOOL)].to_string()),
         ];
-        let differing = self.differing_outputs();
+        let (differing, names) = (self.differing_outputs(), ChannelNames::of_machine(self.machine));
         let restored: Vec<String> = differing
             .iter()
-            .map(|(number, is, to)| format!("{} from {is} to {to}", self.machine.channel_name(*number)))
+            .map(|&(number, is, to)| {
+                let [is, to] = [is, to].map(|value| names.value_text(number, value));
+                format!("{} from {is} to {to}", names.name(number))
+            })
             .collect();
         if self.is_older_place {
             let text = "the last one in the journal, up to one second of motion before the machine stopped; that \

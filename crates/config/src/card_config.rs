@@ -6,6 +6,8 @@ use retrace_link::{InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PWM_HZ, Spindle
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::analog_input::{self, AnalogInput, AnalogInputSection};
+use crate::analog_output::{self, AnalogOutput, AnalogOutputSection};
 use crate::axis::AxisConfig;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
@@ -100,6 +102,10 @@ pub(crate) struct CardSection {
     spindle_pwm: Option<SpindlePwmSection>,
     /// Inputs.
     input: Vec<InputSection>,
+    /// Analog inputs.
+    analog_input: Vec<AnalogInputSection>,
+    /// Analog outputs.
+    analog_output: Vec<AnalogOutputSection>,
 }
 
 impl Default for CardSection {
@@ -113,6 +119,8 @@ impl Default for CardSection {
             off_at_fault: None,
             spindle_pwm: None,
             input: vec![InputSection::PROBE],
+            analog_input: Vec::new(),
+            analog_output: Vec::new(),
         }
     }
 }
@@ -132,6 +140,10 @@ pub struct CardConfig {
     pub off_at_fault: Vec<u8>,
     /// Output for S; `None` if the machine file has none.
     pub spindle_pwm: Option<SpindlePwm>,
+    /// Analog inputs, in the order of their numbers.
+    pub analog_inputs: Vec<AnalogInput>,
+    /// Analog outputs, in the order of their numbers. A fault sets each to its safe value.
+    pub analog_outputs: Vec<AnalogOutput>,
 }
 
 impl CardSection {
@@ -193,10 +205,11 @@ impl CardSection {
             }
             all
         });
-        if off_at_fault.len() > MAX_SAFE || off_at_fault.iter().any(|&c| usize::from(c) >= channel::COUNT) {
+        let analog_outputs = analog_output::checked(&self.analog_output)?;
+        if off_at_fault.len() + analog_outputs.len() > MAX_SAFE || off_at_fault.iter().any(|&c| c >= channel::HEIGHT) {
             return Err(refuse(format!(
-                "card.off_at_fault: at most {MAX_SAFE} outputs, each from 0 to {}",
-                channel::COUNT - 1
+                "card.off_at_fault: at most {MAX_SAFE} outputs together with the analog ones, each from 0 to {}",
+                channel::HEIGHT - 1
             )));
         }
         let spindle_pwm = self.spindle_pwm.map(SpindlePwmSection::checked).transpose()?;
@@ -212,6 +225,8 @@ impl CardSection {
             declared_inputs,
             off_at_fault,
             spindle_pwm,
+            analog_inputs: analog_input::checked(&self.analog_input)?,
+            analog_outputs,
         })
     }
 
@@ -227,6 +242,8 @@ impl CardSection {
             Self { spindle_pwm: self.spindle_pwm, ..usual() },
         ];
         parts.extend(self.inverted_axes.iter().map(|&axis| Self { inverted_axes: vec![axis], ..usual() }));
+        parts.extend(self.analog_input.iter().map(|one| Self { analog_input: vec![one.clone()], ..usual() }));
+        parts.extend(self.analog_output.iter().map(|one| Self { analog_output: vec![one.clone()], ..usual() }));
         parts.extend(self.input.iter().map(|input| Self { input: vec![input.clone()], ..usual() }));
         parts
     }
@@ -238,6 +255,24 @@ impl CardConfig {
     #[must_use]
     pub fn max_pulses_hz(&self) -> f64 {
         1e9 / (2.0 * f64::from(self.pulse_ns.max(1)))
+    }
+
+    /// The analog output of this number, if the machine file declares it.
+    #[must_use]
+    pub fn analog_output(&self, number: i32) -> Option<&AnalogOutput> {
+        self.analog_outputs.iter().find(|output| i32::from(output.number) == number)
+    }
+
+    /// The analog input of this number, if the machine file declares it.
+    #[must_use]
+    pub fn analog_input(&self, number: i32) -> Option<&AnalogInput> {
+        self.analog_inputs.iter().find(|input| i32::from(input.number) == number)
+    }
+
+    /// Maximum number of control periods from a reading of an analog input to the next one that the card reports.
+    #[must_use]
+    pub fn report_periods(&self) -> u64 {
+        u64::from(self.report_periods)
     }
 
     /// Whether the machine file declares this input with a `[[card.input]]`.

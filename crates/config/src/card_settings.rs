@@ -5,6 +5,7 @@
 use retrace_core::limits::RateLimits;
 use retrace_link::{CardSettings, CardStatus, OutputChange, PathStart};
 
+use crate::analog_output::AnalogOutput;
 use crate::cutter;
 use crate::machine_config::MachineConfig;
 
@@ -37,7 +38,8 @@ impl MachineConfig {
             direction_setup_ns: card.direction_setup_ns,
             direction_inverted: card.direction_inverted,
             inputs: card.inputs,
-            safe_count: card.off_at_fault.len() as u8,
+            // A checked machine has no more than the settings.
+            safe_count: (card.off_at_fault.len() + card.analog_outputs.len()) as u8,
             cutting: cutter::settings(
                 &self.cutters,
                 HANDOVER_MS.min(f64::from(card.watchdog_periods) * self.period_s() * 1e3),
@@ -49,8 +51,10 @@ impl MachineConfig {
             spindle: self.encoder.map(|encoder| encoder.settings),
             ..CardSettings::new(0, start, self.period_us, limits)
         };
-        for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
-            *slot = OutputChange { channel, value: 0 };
+        let off = card.off_at_fault.iter().map(|&channel| OutputChange { channel, value: 0 });
+        let safe = off.chain(card.analog_outputs.iter().map(AnalogOutput::safe_change));
+        for (slot, change) in settings.safe.iter_mut().zip(safe) {
+            *slot = change;
         }
         for (slot, axis) in settings.backlash_pulses.iter_mut().zip(&self.axes) {
             // At most 10 mm, and at most as many pulses as the settings can represent.

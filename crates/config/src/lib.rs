@@ -27,6 +27,9 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod analog_input;
+mod analog_output;
+mod analog_output_conflicts;
 mod axis;
 mod beam_power;
 mod card_config;
@@ -61,10 +64,12 @@ mod switching;
 mod tool_change_config;
 mod value_range;
 
+pub use analog_input::AnalogInput;
+pub use analog_output::{AnalogOutput, analog_amount};
 pub use axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
 pub use beam_power::BeamPowerConfig;
 pub use card_config::CardConfig;
-pub use channel_names::{ChannelNames, channel_name};
+pub use channel_names::{ChannelNames, amount_text, channel_name};
 pub use cost_config::{CostConfig, ProgramCost};
 pub use cutter::{CutterConfig, CutterKind, SingleBlockStep, ZWords};
 pub use cutter_start::{CutterProof, CutterRestart, CutterStart};

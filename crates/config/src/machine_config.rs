@@ -10,6 +10,7 @@ use retrace_core::limits::RateLimits;
 use retrace_link::{HomingCommand, InputWait, OutputChange, SpindlePwm};
 use retrace_motion::{Blending, MachineLimits};
 
+use crate::analog_output_conflicts::check_analog_outputs;
 use crate::axis::{self, AXIS_LETTERS, AxisConfig};
 use crate::card_config::{CardConfig, SPINDLE_PWM_OF_A_BEAM};
 use crate::channel_names::{self, ChannelNames};
@@ -199,6 +200,7 @@ impl MachineConfig {
         let spindle = file.spindle.checked(&cutters, &card)?;
         let manual_tool_change = file.manual_tool_change.checked(file.tool_change, &probe)?;
         let output_names = output_names(file.output, &cutters)?;
+        check_analog_outputs(&card.analog_outputs, &cutters, &output_names)?;
         let written = Written {
             homing: file.homing,
             manual: file.manual,
@@ -264,6 +266,9 @@ impl MachineConfig {
         if let Some(beam) = self.beam_of_speed().filter(|_| channel == retrace_link::channel::SPEED) {
             return format!("{} power", beam.name);
         }
+        if let Some(output) = self.card.analog_outputs.iter().find(|output| output.channel() == channel) {
+            return output.name.clone();
+        }
         let named = || self.output_names.get(&channel).cloned();
         cutter::name_of(&self.cutters, channel).or_else(named).unwrap_or_else(|| channel_names::channel_name(channel))
     }
@@ -278,7 +283,9 @@ impl MachineConfig {
     /// The channel of this name; case is ignored.
     #[must_use]
     pub fn channel_named(&self, name: &str) -> Option<u8> {
-        (0..retrace_link::channel::COUNT as u8).find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
+        let mut channels =
+            (0..retrace_link::channel::COUNT as u8).filter(|&number| retrace_link::channel::is_output(number));
+        channels.find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
     }
 
     /// The cutter that this channel lights, opens or starts, if any.
@@ -491,7 +498,14 @@ impl ChannelNames {
     /// Names of a machine's channels: a cutter's name, or that of the machine file, if there is one.
     #[must_use]
     pub fn of_machine(machine: &MachineConfig) -> Self {
-        Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
+        let mut units = <[String; retrace_link::channel::ANALOG_OUTPUTS]>::default();
+        for output in &machine.card.analog_outputs {
+            if let Some(unit) = units.get_mut(usize::from(output.number)) {
+                unit.clone_from(&output.unit);
+            }
+        }
+        let names = (0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect();
+        Self { names, units }
     }
 }
 

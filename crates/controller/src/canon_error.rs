@@ -2,6 +2,7 @@
 //!
 //! Invariant: each has a number in `docs/errors.md`, a cause and a remedy.
 
+use retrace_config::AnalogOutput;
 use retrace_motion::MoveError;
 
 use crate::check_finding::CheckFinding;
@@ -35,6 +36,12 @@ pub(crate) enum CanonError {
     LitWait,
     /// E4313: M66 reads an input that the machine file does not declare.
     NoInput(i32),
+    /// E4332: M66 reads an analog input that the machine file does not declare.
+    NoAnalogInput(i32),
+    /// E4330: M67 or M68 sets an analog output that the machine file does not declare.
+    NoAnalogOutput(&'static str, i32),
+    /// E4331: M67 or M68 sets an analog output to this amount, out of its range.
+    AnalogRange(&'static str, f64, AnalogOutput),
     /// E4310: the machine has no probe.
     NoProbe,
     /// E4311: the machine would not stop within `overtravel_mm` behind the touch.
@@ -112,6 +119,27 @@ impl CanonError {
                 "E4313",
                 format!("M66 reads input {input}, which the machine file does not declare"),
                 "declare it: [[card.input]] with its number and its use, \"plain\" for one that only programs read",
+            ),
+            Self::NoAnalogInput(number) => (
+                "E4332",
+                format!("M66 reads the analog input {number}, which the machine file does not declare"),
+                "declare it: [[card.analog_input]] with its number, name, unit and at_full",
+            ),
+            Self::NoAnalogOutput(code, number) => (
+                "E4330",
+                format!("{code} sets the analog output {number}, which the machine file does not declare"),
+                "declare it: [[card.analog_output]] with its number, name, unit, min and max",
+            ),
+            Self::AnalogRange(code, amount, of) => (
+                "E4331",
+                format!(
+                    "{code} sets {} to {amount} {unit}; its range is {} to {} {unit}",
+                    of.name,
+                    of.min,
+                    of.max,
+                    unit = of.unit
+                ),
+                "a Q word within the range; or correct min and max of its [[card.analog_output]]",
             ),
             Self::NoProbe => (
                 "E4310",

@@ -427,7 +427,7 @@ impl Event {
         value
     }
 
-    /// Converts the event to one JSON object, with the names of the channels.
+    /// Converts the event to one JSON object, with the names of the channels, and the units of their values.
     #[must_use]
     pub fn to_json_naming(&self, names: &ChannelNames) -> Value {
         let mut value = self.to_json();
@@ -435,6 +435,9 @@ impl Event {
             let channel = output["channel"].as_u64().and_then(|channel| u8::try_from(channel).ok());
             if let (Some(channel), Value::Object(fields)) = (channel, output) {
                 fields.insert("name".into(), names.name(channel).into());
+                if fields.contains_key("value") || fields.contains_key("actual") {
+                    fields.insert("unit".into(), names.unit(channel).into());
+                }
             }
         };
         value.get_mut("outputs").and_then(Value::as_array_mut).into_iter().flatten().for_each(add_name);
@@ -485,7 +488,8 @@ impl Event {
                     .iter()
                     .map(|of| {
                         let (name, origin) = (channel_name(of.channel), of.origin());
-                        format!("{name} is {}, program wants {}{origin}", of.actual, of.expected)
+                        let [actual, expected] = [of.actual, of.expected].map(|n| names.value_text(of.channel, n));
+                        format!("{name} is {actual}, program wants {expected}{origin}")
                     })
                     .collect();
                 format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
@@ -530,13 +534,15 @@ impl Event {
             EventKind::CutFromHere { moving: false } => "cutting from here".into(),
             EventKind::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),
             EventKind::RetraceSwitched(channel, value) => {
-                format!("retrace: {} := {value}", channel_name(*channel))
+                format!("retrace: {} := {}", channel_name(*channel), names.value_text(*channel, *value))
             }
             EventKind::RunResumed => "normal run resumed".into(),
             EventKind::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
             EventKind::Switching(code) => format!("{code} begins"),
             EventKind::Switched(code) => format!("{code} done"),
-            EventKind::OutputChanged(channel, value) => format!("{} := {value}", channel_name(*channel)),
+            EventKind::OutputChanged(channel, value) => {
+                format!("{} := {}", channel_name(*channel), names.value_text(*channel, *value))
+            }
             EventKind::ProgramStop(code) => format!("program stop {code}: cycle start to continue"),
             EventKind::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to continue"),
             EventKind::SingleBlock => "single block: cycle start to continue".into(),

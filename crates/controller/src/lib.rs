@@ -116,7 +116,7 @@ pub use probe_move::{ProbeMove, ProbeOutcome, ProbeResult};
 pub use program_analysis::{
     Analysed, BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_path, analyse_program,
 };
-pub use question::{InputQuestion, MachineResult, Question};
+pub use question::{InputQuestion, MachineResult, Question, ReadInput};
 pub use read_ahead::{ReadAhead, SourceStatus};
 pub use record_streamer::{PassedItem, RecordStreamer, SendHorizon};
 pub use report::Report;

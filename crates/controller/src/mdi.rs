@@ -270,7 +270,7 @@ mod tests {
         let refused = |text: &str| context.block(&machine, text).expect_err(text).join("\n");
         assert!(refused("G0 X2001").contains("E4304"), "{}", refused("G0 X2001"));
         assert!(refused("G1 X1").contains("E1508") && refused("O1 while [1]").contains("E1012"));
-        assert!(refused("M66 E1").contains("E4302"));
+        assert!(refused("M19 R0").contains("E4302") && refused("M66 E1").contains("E4332"));
         assert_eq!(context.active(), ModalContext::new(interpreter_setup(&machine)).active());
     }
 }

@@ -18,11 +18,25 @@ pub enum Question {
     Tap(TapQuestion),
 }
 
+/// An input that a program reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReadInput {
+    /// A digital input, by its number.
+    Digital(u8),
+    /// An analog input.
+    Analog {
+        /// Its number.
+        number: u8,
+        /// Control periods at rest after which what the card has reported was read at this place.
+        report_periods: u64,
+    },
+}
+
 /// A wait for an input (M66).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputQuestion {
-    /// Number of the input.
-    pub input: u8,
+    /// The input.
+    pub input: ReadInput,
     /// Condition that ends the wait.
     pub wait_for: WaitFor,
     /// Control periods after which it ends without.
@@ -46,6 +60,6 @@ impl Question {
 pub enum MachineResult {
     /// Of a probing move.
     Probe(ProbeResult),
-    /// Of M66: the level of the input, 1 or 0; −1 where the time was over.
+    /// Of M66: the level of the input, 1 or 0, or the amount of an analog one; −1 where the time was over.
     Input(f64),
 }

@@ -78,7 +78,11 @@ impl OutputOrigins {
 
     /// Records that the program has switched an output without a stop.
     pub(crate) fn record_action(&mut self, action: &OutputAction, line: u32) {
-        let code = if action.after == 0 { "M63" } else { "M62" };
+        let code = match action.after {
+            _ if channel::is_analog(action.channel) => "M67",
+            0 => "M63",
+            _ => "M62",
+        };
         let change = OutputChange { channel: action.channel, value: action.after };
         self.record_switching(&[change], (code, line, action.place), (0, None, None));
     }

@@ -3,7 +3,7 @@
 //! Invariant: it depends on the card's pins alone, not on what the card means by them.
 
 use retrace_card::InputLevels;
-use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
+use retrace_link::{ANALOG_INPUTS, AnalogInputs, InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
 use crate::cutting_source::{CuttingSource, SourceSettings};
 use crate::probed_work::{ProbeContact, ProbedWork};
@@ -202,6 +202,7 @@ pub struct Plant<const A: usize> {
     active: u16,
     active_low: u16,
     failed: bool,
+    analog: AnalogInputs,
     encoder: u16,
     /// Motion of the handwheel, while it is turned.
     wheel_motion: Option<WheelMotion>,
@@ -237,6 +238,7 @@ impl<const A: usize> Plant<A> {
             active,
             active_low: settings.active_low,
             failed: false,
+            analog: [Some(0); ANALOG_INPUTS],
             encoder: 0,
             wheel_motion: None,
             switched: [0; 3],
@@ -285,7 +287,14 @@ impl<const A: usize> Plant<A> {
         self.advance_wheel(now_us);
         let failed = std::mem::take(&mut self.failed);
         let spindle = self.spindle.as_mut().map(|spindle| spindle.advance(now_us)).unwrap_or_default();
-        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed, probe_change, spindle }
+        InputLevels {
+            levels: self.active ^ self.active_low,
+            encoder: self.encoder,
+            failed,
+            probe_change,
+            spindle,
+            analog: self.analog,
+        }
     }
 
     /// Applies the card's outputs at `now_us`.
@@ -326,6 +335,13 @@ impl<const A: usize> Plant<A> {
     /// Sets an input active or inactive manually.
     pub const fn set_input(&mut self, input: u8, active: bool) {
         set(&mut self.active, input, active);
+    }
+
+    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range. Without such an input nothing happens.
+    pub fn set_analog_input(&mut self, number: u8, reading: u16) {
+        if let Some(input) = self.analog.get_mut(usize::from(number)) {
+            *input = Some(reading);
+        }
     }
 
     /// The spindle, for changes by a test; `None` without one.

@@ -88,7 +88,8 @@ pub struct InputAnswer {
     pub block: u64,
     /// Place of the wait.
     pub place: u32,
-    /// The level of the input, 1 or 0; −1 where the time was over.
+    /// The level of the input, 1 or 0; −1 where the time was over. Of an analog input the reading, in units of 2⁻¹⁶ of
+    /// its range.
     pub value: i32,
 }
 

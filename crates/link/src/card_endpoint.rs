@@ -17,7 +17,10 @@ use crate::pending_commands::PendingCommands;
 use crate::sequence::{FirstNumbers, acknowledged_items, is_after};
 use crate::session::{is_next_opening, is_open_epoch};
 use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, kind};
-use crate::{CardCore, CardStatus, GearState, HostCommand, Outputs, SpindleStatus, channel, session_key, state_crc};
+use crate::{
+    ANALOG_INPUTS, AnalogInputs, CardCore, CardStatus, GearState, HostCommand, Outputs, SpindleStatus, channel,
+    session_key, state_crc,
+};
 
 mod changes;
 
@@ -84,6 +87,7 @@ struct ReportedState {
     outputs: Outputs,
     executed: u32,
     inputs: u16,
+    analog_inputs: AnalogInputs,
     alarm: Option<crate::Alarm>,
     repeated: u32,
     blocked: bool,
@@ -110,6 +114,7 @@ impl ReportedState {
             outputs: [0; channel::COUNT],
             executed,
             inputs: 0,
+            analog_inputs: [None; ANALOG_INPUTS],
             alarm: None,
             repeated: 0,
             blocked: false,

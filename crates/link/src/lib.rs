@@ -51,7 +51,7 @@ pub use cutting::{
 pub use host::{HostEndpoint, LineCounts, LinkError};
 pub use layer::{LayerMove, LayerSettings, MAX_LAYER, OhmicSensing};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
-pub use outputs::{Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
+pub use outputs::{ANALOG_INPUTS, AnalogInputs, Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};
 pub use probe::{ProbeArming, ProbeLatch, counts_at_edge};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};

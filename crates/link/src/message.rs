@@ -4,7 +4,7 @@
 
 use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
-use crate::outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
+use crate::outputs::{ANALOG_INPUTS, AnalogInputs, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{
     Alarm, CutterOff, GearState, LayerMove, PathStart, ProbeArming, ProbeLatch, RepeatedInstruction, SpindleStatus,
     SpindleTask,
@@ -235,6 +235,9 @@ pub struct CardStatus<const A: usize> {
     pub beam_power: i32,
     /// Active inputs, one bit each.
     pub inputs: u16,
+    /// Readings of the analog inputs. Over the line, one that has changed is reported once in an interval of the
+    /// reports.
+    pub analog_inputs: AnalogInputs,
     /// Counts by which a handwheel on the card turned in the period.
     pub wheel: i16,
     /// Latched alarm.
@@ -277,6 +280,7 @@ impl<const A: usize> CardStatus<A> {
             outputs: [0; channel::COUNT],
             beam_power: 0,
             inputs: 0,
+            analog_inputs: [None; ANALOG_INPUTS],
             wheel: 0,
             alarm: None,
             blocked: false,

@@ -1,7 +1,7 @@
 //! The outputs of a card: their channels and values, how an instruction changes them, and the input that it may wait
 //! for.
 //!
-//! Invariant: a channel is below [`channel::COUNT`] on every card.
+//! Invariant: a channel is below [`channel::COUNT`] on every card, and [`channel::is_output`].
 
 /// Output channels of a card and their meaning.
 pub mod channel {
@@ -19,13 +19,39 @@ pub mod channel {
     pub const TOOL: u8 = 68;
     /// Whether the loss of a cutter is not watched: 0 or 1 (M62 P1). 0 when an epoch begins.
     pub const UNWATCHED: u8 = 69;
-    /// Number of channels.
-    pub const COUNT: usize = 70;
+    /// First analog output (M67, M68). The values of the analog outputs are in units of 1/[`ANALOG_ONE`] of the unit
+    /// that the machine file gives them.
+    pub const ANALOG: u8 = 72;
+    /// Maximum number of analog outputs of a card; 0 without the feature `analog`.
+    pub const ANALOG_OUTPUTS: usize = if cfg!(feature = "analog") { 8 } else { 0 };
+    /// Value of an analog output that is at one unit.
+    pub const ANALOG_ONE: i32 = 1 << 16;
+    /// Number of values in [`Outputs`](super::Outputs): one more than the highest channel. Some numbers below it are
+    /// no channel ([`is_output`]).
+    pub const COUNT: usize = if cfg!(feature = "analog") { ANALOG as usize + ANALOG_OUTPUTS } else { HEIGHT as usize };
     /// No output: the `after` of an action with this channel is the height over the sheet, in pulses, to which the
     /// layer moves beside the path from there on (CUT-13). It counts where the action is passed for the first time and
     /// a cutter is on.
     pub const HEIGHT: u8 = 70;
+
+    /// Whether the number is that of an output: [`HEIGHT`] and 71 are none.
+    #[must_use]
+    pub const fn is_output(channel: u8) -> bool {
+        channel < HEIGHT || is_analog(channel)
+    }
+
+    /// Whether the number is that of an analog output.
+    #[must_use]
+    pub const fn is_analog(channel: u8) -> bool {
+        ANALOG <= channel && (channel as usize) < COUNT
+    }
 }
+
+/// Maximum number of analog inputs of a card; 0 without the feature `analog`.
+pub const ANALOG_INPUTS: usize = if cfg!(feature = "analog") { 4 } else { 0 };
+
+/// Readings of the analog inputs, in units of 2⁻¹⁶ of their range; `None` where none is known.
+pub type AnalogInputs = [Option<u16>; ANALOG_INPUTS];
 
 /// The values of all output channels.
 pub type Outputs = [i32; channel::COUNT];

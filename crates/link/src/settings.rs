@@ -13,7 +13,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 14;
+pub const PROTOCOL: u8 = 15;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -32,6 +32,10 @@ pub struct CardIdentity {
     pub outputs: u8,
     /// Inputs, at most [`MAX_INPUTS`].
     pub inputs: u8,
+    /// Analog outputs, from number 0 on, at most [`crate::channel::ANALOG_OUTPUTS`].
+    pub analog_outputs: u8,
+    /// Analog inputs, from number 0 on, at most [`crate::ANALOG_INPUTS`].
+    pub analog_inputs: u8,
     /// Whether it has an output for S ([`SpindlePwm`]): the speed of a spindle, or the power of a beam.
     pub has_spindle_pwm: bool,
     /// Whether it reads the encoder of a spindle ([`SpindleSettings`]).

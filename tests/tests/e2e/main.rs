@@ -1,6 +1,7 @@
 //! The end-to-end tests of the command that mostly wait, in one binary: they overlap. Those that load the computer are
 //! binaries of their own beside it, which run alone.
 
+mod analog;
 #[cfg(target_os = "linux")]
 mod arc;
 mod beam_power;

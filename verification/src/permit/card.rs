@@ -92,6 +92,8 @@ impl Observer {
             inputs: 3,
             has_spindle_pwm: true,
             has_spindle_encoder: false,
+            analog_outputs: 0,
+            analog_inputs: 0,
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,

@@ -19,8 +19,8 @@ pub enum Card {
         the cable of the line; also `plug in`\n  power off             switches the card off, which loses its \
         state; also `power on`\n  spindle stall         \
         also `spindle load 30% for 200ms`, `spindle free`, `spindle turn -2`\n  encoder dead          also `encoder \
-        lose 7`, `encoder no-index`\n\nExamples:\n  retrace card serve \
-        --pty --link my-card --vcd my-card.vcd\n  \
+        lose 7`, `encoder no-index`\n  analog 1 3.2          an analog input, \
+        in its unit\n\nExamples:\n  retrace card serve --pty --link my-card --vcd my-card.vcd\n  \
         retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc \
         --card my-card"
     )]

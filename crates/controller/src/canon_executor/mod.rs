@@ -4,6 +4,7 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else. A move of an axis that the machine does
 //! not have is rejected, and an unsupported function is rejected by name.
 
+mod analog;
 mod cut_areas;
 mod entered_length;
 mod feed;

@@ -11,7 +11,7 @@ use super::CanonExecutor;
 use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
 use crate::probe_move::{ProbeOutcome, ProbeResult, highest_feed_mm_s};
-use crate::question::{InputQuestion, MachineResult};
+use crate::question::{InputQuestion, MachineResult, ReadInput};
 
 impl CanonExecutor<'_> {
     pub(super) fn probe<const A: usize>(
@@ -75,8 +75,9 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        let WaitInput::Digital(number) = wait.input else {
-            return Err(CanonError::NotSupported("reading an analog input (M66 E)"));
+        let number = match wait.input {
+            WaitInput::Digital(number) => number,
+            WaitInput::Analog(number) => return self.read_analog_input(number, line, sink),
         };
         let input = u8::try_from(number).ok().filter(|&input| self.machine.card.declares_input(input));
         let input = input.ok_or(CanonError::NoInput(number))?;
@@ -85,7 +86,10 @@ impl CanonExecutor<'_> {
             return Err(CanonError::LitWait);
         }
         let timeout_periods = (longest * 1e6 / f64::from(self.machine.period_us)).ceil() as u64;
-        let value = sink.read_input(InputQuestion { input, wait_for: wait.wait_for, timeout_periods }, line)?;
+        let value = sink.read_input(
+            InputQuestion { input: ReadInput::Digital(input), wait_for: wait.wait_for, timeout_periods },
+            line,
+        )?;
         self.learned = value.map(|value| MachineResult::Input(f64::from(value)));
         Ok(())
     }

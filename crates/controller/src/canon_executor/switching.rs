@@ -112,8 +112,8 @@ impl<'m> CanonExecutor<'m> {
             // Part of the function before it.
             Canon::WaitSpindleOrientComplete(_) => Ok(()),
             Canon::Wait(wait) => self.read_input(wait, line, sink),
-            Canon::SetMotionOutputValue { output, value } => self.set_analog("M67", *output, *value, line, sink),
-            Canon::SetAuxOutputValue { output, value } => self.set_analog("M68", *output, *value, line, sink),
+            Canon::SetMotionOutputValue { output, value } => self.set_value("M67", *output, *value, line, sink),
+            Canon::SetAuxOutputValue { output, value } => self.set_value("M68", *output, *value, line, sink),
             Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
             // none of these moves or switches anything on this machine
             Canon::OnReset
@@ -187,8 +187,8 @@ impl<'m> CanonExecutor<'m> {
         self.switch(code, channel::SPEED, value, line, sink)
     }
 
-    /// M67 and M68: the power of a beam, if the machine file names the output.
-    fn set_analog<const A: usize>(
+    /// M67 and M68: the power of a beam, if the machine file names the output for it; otherwise an analog output.
+    fn set_value<const A: usize>(
         &mut self,
         code: &'static str,
         index: i32,
@@ -196,10 +196,9 @@ impl<'m> CanonExecutor<'m> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        let analog = self.machine.powered_beam().and_then(|beam| beam.power?.analog);
-        if analog.is_none_or(|number| i32::from(number) != index) {
-            let what = if code == "M67" { "an analog output (M67)" } else { "an analog output (M68)" };
-            return Err(CanonError::NotSupported(what));
+        let power = self.machine.powered_beam().and_then(|beam| beam.power?.analog);
+        if power.is_none_or(|number| i32::from(number) != index) {
+            return self.set_analog_output(code, index, value, line, sink);
         }
         let thousandths = (value * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
         match code {

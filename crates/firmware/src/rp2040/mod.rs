@@ -94,6 +94,8 @@ pub const fn identity(chip: Chip) -> CardIdentity {
         inputs: pins::INPUTS,
         has_spindle_pwm: true,
         has_spindle_encoder: false,
+        analog_outputs: 0,
+        analog_inputs: 0,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: chip.clock_hz(),

@@ -33,6 +33,8 @@ pub const fn identity(min_period_us: u32) -> CardIdentity {
         inputs: pins::INPUT_PINS.len() as u8,
         has_spindle_pwm: false,
         has_spindle_encoder: false,
+        analog_outputs: 0,
+        analog_inputs: 0,
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: SLOT_HZ,

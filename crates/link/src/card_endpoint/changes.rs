@@ -29,6 +29,7 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
             self.reported.inputs = status.inputs;
             self.push(ReportEntry::Inputs(status.inputs));
         }
+        self.push_analog_changes(status);
         if status.wheel != 0 {
             self.push(ReportEntry::Wheel(status.wheel));
         }
@@ -37,6 +38,20 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
             self.push(ReportEntry::Executed(status.executed));
             self.urgent = true;
         }
+    }
+
+    /// Adds an entry for each analog input whose reading has changed, once in an interval of the reports: noise does
+    /// not fill the line, and at rest the host knows every reading after an interval.
+    fn push_analog_changes(&mut self, status: &CardStatus<A>) {
+        if !status.period.is_multiple_of(u64::from(self.report_periods)) {
+            return;
+        }
+        for (number, reading) in status.analog_inputs.into_iter().enumerate() {
+            if let (Some(reading), true) = (reading, reading != self.reported.analog_inputs[number]) {
+                self.push(ReportEntry::AnalogInput { number: number as u8, reading });
+            }
+        }
+        self.reported.analog_inputs = status.analog_inputs;
     }
 
     /// Adds entries for changes of the probe's latch.

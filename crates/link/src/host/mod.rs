@@ -382,14 +382,14 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
                 }
                 return Ok(());
             }
-            HostCommand::Action(action) if action.channel > channel::HEIGHT => {
+            HostCommand::Action(action) if action.channel != channel::HEIGHT && !channel::is_output(action.channel) => {
                 return Err(CommandRefusal::NoSuchChannel);
             }
-            HostCommand::ManualOutput(change) if usize::from(change.channel) >= channel::COUNT => {
+            HostCommand::ManualOutput(change) if !channel::is_output(change.channel) => {
                 return Err(CommandRefusal::NoSuchChannel);
             }
             HostCommand::Repeat(repeated)
-                if repeated.changes().iter().any(|change| usize::from(change.channel) >= channel::COUNT) =>
+                if repeated.changes().iter().any(|change| !channel::is_output(change.channel)) =>
             {
                 return Err(CommandRefusal::NoSuchChannel);
             }

@@ -72,6 +72,11 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
                 }
             }
             ReportEntry::SpindleSpeed(speed) => self.status.spindle.speed = Some(speed),
+            ReportEntry::AnalogInput { number, reading } => {
+                if let Some(input) = self.status.analog_inputs.get_mut(usize::from(number)) {
+                    *input = Some(reading);
+                }
+            }
             ReportEntry::Gear(state, lag) => {
                 (self.status.spindle.gear, self.status.spindle.largest_lag) = (state, lag);
             }

@@ -11,7 +11,7 @@
 use retrace_core::{Distance, Place, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
-use crate::{Alarm, CutterOff, CutterOffCause, GearState, OutputChange};
+use crate::{ANALOG_INPUTS, Alarm, CutterOff, CutterOffCause, GearState, OutputChange};
 
 /// One reported event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -57,6 +57,13 @@ pub enum ReportEntry {
     ProbeTouched,
     /// Measured speed of the spindle, in thousandths of a revolution per minute.
     SpindleSpeed(i32),
+    /// Reading of an analog input.
+    AnalogInput {
+        /// Number of the input, below [`ANALOG_INPUTS`].
+        number: u8,
+        /// Reading in units of 2⁻¹⁶ of the range.
+        reading: u16,
+    },
     /// State of the gear, and the largest lag in units of 2⁻¹⁶ records.
     Gear(GearState, u32),
 }
@@ -73,7 +80,8 @@ const ALARM: u8 = 3;
 const INPUTS: u8 = 4;
 const WHEEL: u8 = 5;
 const REFUSED: u8 = 6;
-/// The next byte is the kind: 00–1F are for cutting, 20–2F for probing, 30–3F for the spindle.
+/// The next byte is the kind: 00–1F are for cutting, 20–2F for probing, 30–3F for the spindle,
+/// 40 for analog inputs.
 const EXTENDED: u8 = 7;
 
 mod extended {
@@ -87,6 +95,7 @@ mod extended {
     pub(super) const PROBE_TOUCHED: u8 = 0x22;
     pub(super) const SPINDLE_SPEED: u8 = 0x30;
     pub(super) const GEAR: u8 = 0x31;
+    pub(super) const ANALOG_INPUT: u8 = 0x40;
 }
 
 const STARVED: u8 = 1 << 5;
@@ -175,6 +184,10 @@ impl ReportEntry {
                 writer.slice(&[EXTENDED, extended::SPINDLE_SPEED])?;
                 writer.signed(i64::from(speed))
             }
+            Self::AnalogInput { number, reading } => {
+                writer.slice(&[EXTENDED, extended::ANALOG_INPUT, number])?;
+                writer.u16(reading)
+            }
             Self::Gear(state, lag) => {
                 let state = match state {
                     GearState::Off => 0,
@@ -232,6 +245,10 @@ impl ReportEntry {
             extended::PROBE_EDGE => Self::ProbeEdge(reader.u16()?),
             extended::PROBE_TOUCHED => Self::ProbeTouched,
             extended::SPINDLE_SPEED => Self::SpindleSpeed(reader.signed32()?),
+            extended::ANALOG_INPUT => {
+                let (number, reading) = (reader.u8()?, reader.u16()?);
+                (usize::from(number) < ANALOG_INPUTS).then_some(Self::AnalogInput { number, reading })?
+            }
             extended::GEAR => {
                 let state = match reader.u8()? {
                     0 => GearState::Off,

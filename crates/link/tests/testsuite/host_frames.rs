@@ -548,6 +548,8 @@ fn channels_that_do_not_exist_are_refused() {
     repeated.changes[1] = change(channel::COUNT);
     for command in [
         HostCommand::Action(action(usize::from(channel::HEIGHT) + 1)),
+        HostCommand::Action(action(channel::COUNT)),
+        HostCommand::ManualOutput(change(usize::from(channel::HEIGHT))),
         HostCommand::ManualOutput(change(channel::COUNT)),
         HostCommand::Repeat(repeated),
     ] {

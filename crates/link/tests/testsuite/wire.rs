@@ -9,11 +9,11 @@ use retrace_link::wire::{
     ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_command, write_command,
 };
 use retrace_link::{
-    Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
-    GearStart, GearState, HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction,
-    LayerMove, LayerSettings, MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction,
-    OutputChange, PROTOCOL, PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindleControl, SpindlePwm,
-    SpindleSettings, SpindleTask,
+    ANALOG_INPUTS, Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel,
+    CuttingSettings, GearStart, GearState, HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait,
+    Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing,
+    OutputAction, OutputChange, PROTOCOL, PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindleControl,
+    SpindlePwm, SpindleSettings, SpindleTask,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -156,6 +156,8 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<i16>().prop_map(ReportEntry::Wheel),
         any::<u32>().prop_map(ReportEntry::Refused),
         any::<i32>().prop_map(ReportEntry::SpindleSpeed),
+        (0..ANALOG_INPUTS as u8, any::<u16>())
+            .prop_map(|(number, reading)| ReportEntry::AnalogInput { number, reading }),
         (0usize..3, any::<u32>()).prop_map(|(state, lag)| {
             ReportEntry::Gear([GearState::Off, GearState::Waiting, GearState::Engaged][state], lag)
         }),
@@ -255,6 +257,8 @@ fn handshakes_are_read_back() {
         inputs: 16,
         has_spindle_pwm: true,
         has_spindle_encoder: true,
+        analog_outputs: 5,
+        analog_inputs: 3,
         window: 4096,
         memory: 64,
         tick_hz: 168_000_000,

@@ -40,6 +40,8 @@ impl Works {
             inputs: 4,
             has_spindle_pwm: false,
             has_spindle_encoder: false,
+            analog_outputs: 0,
+            analog_inputs: 0,
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,

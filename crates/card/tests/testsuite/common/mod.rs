@@ -34,6 +34,8 @@ pub(crate) fn identity() -> CardIdentity {
         inputs: 6,
         has_spindle_pwm: true,
         has_spindle_encoder: true,
+        analog_outputs: 6,
+        analog_inputs: 2,
         window: 0,
         memory: 0,
         tick_hz: 1_000_000,
