@@ -21,7 +21,7 @@ impl OutputCounts {
     /// Returns the numbers that the identity of a card names.
     #[must_use]
     pub const fn of(identity: &CardIdentity) -> Self {
-        Self { digital: identity.outputs, analog: identity.analog_outputs }
+        Self { digital: identity.outputs, analog: identity.analog.outputs() }
     }
 
     /// Whether a card with so many outputs has this channel. The channels from [`channel::DIGITAL`] on that are not
@@ -121,7 +121,7 @@ mod tests {
         let change = |channel, value| OutputChange { channel, value };
         assert_eq!(bank.set_manually(change(8, 1)), Err(CommandRefusal::NoSuchChannel));
         assert_eq!(bank.set_manually(change(channel::COUNT as u8, 1)), Err(CommandRefusal::NoSuchChannel));
-        let analog = [channel::HEIGHT, channel::HEIGHT + 1, channel::ANALOG + 2, channel::COUNT as u8 - 1];
+        let analog = [channel::HEIGHT, channel::HEIGHT + 1, u8::MAX, channel::ANALOG + 2, channel::COUNT as u8 - 1];
         for none in analog {
             assert_eq!(bank.set_manually(change(none, 1)), Err(CommandRefusal::NoSuchChannel), "{none}");
         }

@@ -189,7 +189,7 @@ fn greeting_text(
             (false, true) => ", a spindle encoder",
             (false, false) => "",
         },
-        [(of.analog_outputs, "outputs"), (of.analog_inputs, "inputs")]
+        [(of.analog.outputs(), "outputs"), (of.analog.inputs(), "inputs")]
             .iter()
             .filter(|(count, _)| *count > 0)
             .map(|(count, what)| format!(", {count} analog {what}"))
@@ -230,8 +230,8 @@ fn greeting_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs
         "axes": of.axes,
         "outputs": of.outputs,
         "inputs": of.inputs,
-        "analog_outputs": of.analog_outputs,
-        "analog_inputs": of.analog_inputs,
+        "analog_outputs": of.analog.outputs(),
+        "analog_inputs": of.analog.inputs(),
         "spindle_pwm": of.has_spindle_pwm,
         "spindle_encoder": of.has_spindle_encoder,
         "window": of.window,

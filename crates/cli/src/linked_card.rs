@@ -87,16 +87,16 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
             misfits.push(format!("{name} is output {channel}; the card has {} outputs", identity.outputs));
         }
     }
-    for output in machine.card.analog_outputs.iter().filter(|output| output.number >= identity.analog_outputs) {
+    for output in machine.card.analog_outputs.iter().filter(|output| output.number >= identity.analog.outputs()) {
         let (name, number) = (&output.name, output.number);
-        misfits.push(match identity.analog_outputs {
+        misfits.push(match identity.analog.outputs() {
             0 => format!("{name} is analog output {number}; the card has no analog outputs"),
             count => format!("{name} is analog output {number}; the card has {count} of them"),
         });
     }
-    for input in machine.card.analog_inputs.iter().filter(|input| input.number >= identity.analog_inputs) {
+    for input in machine.card.analog_inputs.iter().filter(|input| input.number >= identity.analog.inputs()) {
         let (name, number) = (&input.name, input.number);
-        misfits.push(match identity.analog_inputs {
+        misfits.push(match identity.analog.inputs() {
             0 => format!("{name} is analog input {number}; the card has no analog inputs"),
             count => format!("{name} is analog input {number}; the card has {count} of them"),
         });

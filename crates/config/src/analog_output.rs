@@ -133,11 +133,11 @@ mod tests {
     fn amounts_in_the_range_become_values_and_others_none() {
         let machine = machine(PRESSURE).expect("valid");
         let gas = &machine.card.analog_outputs[0];
-        let change = |value| Some(OutputChange { channel: 74, value });
+        let change = |value| Some(OutputChange { channel: 72, value });
         assert_eq!([3.25, -1.0, 16.5].map(|amount| gas.change_to(amount)), [212_992, -65_536, 1_081_344].map(change));
         assert_eq!([-1.001, 16.6, f64::NAN].map(|amount| gas.change_to(amount)), [None; 3]);
         assert_eq!(analog_amount(212_992), 3.25);
-        assert_eq!((machine.channel_name(74), machine.channel_named("GAS")), ("gas".into(), Some(74)));
+        assert_eq!((machine.channel_name(72), machine.channel_named("GAS")), ("gas".into(), Some(72)));
     }
 
     /// A fault sets every analog output, the digital ones that it always did, and each once.
@@ -147,7 +147,7 @@ mod tests {
             format!("cutting_outputs = [3]\n{PRESSURE}safe = 1.5\n{}", PRESSURE.replace("2", "0").replace("gas", "v"));
         let settings = machine(&text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(0)));
         let safe: Vec<(u8, i32)> = settings.safe().iter().map(|change| (change.channel, change.value)).collect();
-        assert_eq!(safe, [(3, 0), (channel::SPINDLE, 0), (72, 0), (74, 98_304)]);
+        assert_eq!(safe, [(3, 0), (channel::SPINDLE, 0), (70, 0), (72, 98_304)]);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 use retrace_card::{CheckedSettings, LinkedCard};
 use retrace_core::Record;
-use retrace_link::{ANALOG_INPUTS, CardIdentity, CardSettings, CommandRefusal, PROTOCOL, channel};
+use retrace_link::{ANALOG_INPUTS, AnalogCounts, CardIdentity, CardSettings, CommandRefusal, PROTOCOL, channel};
 
 /// Number of reports that it stores until the host has them.
 const ENTRIES: usize = 1024;
@@ -42,8 +42,7 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> CardIdentity {
         inputs: 16,
         has_spindle_pwm: true,
         has_spindle_encoder: true,
-        analog_outputs: channel::ANALOG_OUTPUTS as u8,
-        analog_inputs: ANALOG_INPUTS as u8,
+        analog: AnalogCounts::new(channel::ANALOG_OUTPUTS as u8, ANALOG_INPUTS as u8),
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: TICK_HZ,

@@ -38,7 +38,7 @@ pub struct Trace<W: Write, const A: usize> {
     axes: [AxisSignals; A],
     card: CardSignals,
     /// Signals of the channels, in their order; numbers that are no output have none.
-    outputs: Vec<Option<Signal>>,
+    outputs: Vec<Signal>,
 }
 
 impl<W: Write, const A: usize> Trace<W, A> {
@@ -70,12 +70,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
         };
         let mut outputs = Vec::with_capacity(channel::COUNT);
         for number in 0..channel::COUNT {
-            let number = number as u8;
-            if !channel::is_output(number) {
-                outputs.push(None);
-                continue;
-            }
-            outputs.push(Some(match number {
+            outputs.push(match number as u8 {
                 channel::SPINDLE => vcd.signal("outputs", "spindle", 32)?,
                 channel::SPEED => vcd.signal("outputs", "speed", 32)?,
                 channel::MIST => vcd.signal("outputs", "mist", 1)?,
@@ -86,7 +81,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
                     vcd.signal("outputs", &format!("analog{}", analog - channel::ANALOG), 32)?
                 }
                 digital => vcd.signal("outputs", &format!("out{digital}"), 1)?,
-            }));
+            });
         }
         vcd.begin()?;
         let axes: [AxisSignals; A] = axes.try_into().map_err(|_| io::ErrorKind::InvalidData)?;
@@ -114,10 +109,8 @@ impl<W: Write, const A: usize> Trace<W, A> {
         vcd.set(at_ns, card.alarm, status.alarm.map_or(0, |alarm| u64::from(alarm.to_wire().0)))?;
         vcd.set(at_ns, card.inputs, u64::from(status.inputs))?;
         vcd.set(at_ns, card.beam_power, u64::from(status.beam_power as u32))?;
-        for (signal, &value) in self.outputs.iter().zip(&status.outputs) {
-            if let &Some(signal) = signal {
-                vcd.set(at_ns, signal, value as u32 as u64)?;
-            }
+        for (&signal, &value) in self.outputs.iter().zip(&status.outputs) {
+            vcd.set(at_ns, signal, value as u32 as u64)?;
         }
         for (axis, &count) in self.axes.iter().zip(&status.counts) {
             vcd.set(at_ns, axis.count, count as u64)?;

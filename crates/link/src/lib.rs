@@ -57,7 +57,8 @@ pub use probe::{ProbeArming, ProbeLatch, counts_at_edge};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
 pub use settings::{
-    CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ, PathStart, SpindlePwm,
+    AnalogCounts, CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ,
+    PathStart, SpindlePwm,
 };
 pub use spindle::{GearStart, GearState, SpindleControl, SpindleSettings, SpindleStatus, SpindleTask};
 pub use wire::Greeting;

@@ -32,10 +32,8 @@ pub struct CardIdentity {
     pub outputs: u8,
     /// Inputs, at most [`MAX_INPUTS`].
     pub inputs: u8,
-    /// Analog outputs, from number 0 on, at most [`crate::channel::ANALOG_OUTPUTS`].
-    pub analog_outputs: u8,
-    /// Analog inputs, from number 0 on, at most [`crate::ANALOG_INPUTS`].
-    pub analog_inputs: u8,
+    /// Analog outputs and inputs.
+    pub analog: AnalogCounts,
     /// Whether it has an output for S ([`SpindlePwm`]): the speed of a spindle, or the power of a beam.
     pub has_spindle_pwm: bool,
     /// Whether it reads the encoder of a spindle ([`SpindleSettings`]).
@@ -52,6 +50,36 @@ pub struct CardIdentity {
     pub max_period_us: u32,
     /// Maximum pulse frequency of an axis, in pulses per second.
     pub max_pulses_hz: u32,
+}
+
+/// Numbers of the analog outputs and inputs of a card, both from number 0 on. A card without the feature `analog` has
+/// none, and no memory is taken for them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct AnalogCounts([u8; if cfg!(feature = "analog") { 2 } else { 0 }]);
+
+impl AnalogCounts {
+    /// No analog output and no analog input.
+    pub const NONE: Self = Self([0; if cfg!(feature = "analog") { 2 } else { 0 }]);
+
+    /// Counts of outputs, at most [`crate::channel::ANALOG_OUTPUTS`], and inputs, at most [`crate::ANALOG_INPUTS`].
+    #[must_use]
+    pub fn new(outputs: u8, inputs: u8) -> Self {
+        let mut counts = Self::NONE;
+        counts.0.iter_mut().zip([outputs, inputs]).for_each(|(count, number)| *count = number);
+        counts
+    }
+
+    /// Number of analog outputs.
+    #[must_use]
+    pub const fn outputs(self) -> u8 {
+        if let [outputs, ..] = self.0.as_slice() { *outputs } else { 0 }
+    }
+
+    /// Number of analog inputs.
+    #[must_use]
+    pub const fn inputs(self) -> u8 {
+        if let [_, inputs, ..] = self.0.as_slice() { *inputs } else { 0 }
+    }
 }
 
 /// Meaning of an input.

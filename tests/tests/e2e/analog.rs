@@ -77,7 +77,7 @@ fn a_value_is_set_in_passing_at_its_place_and_undone_in_reverse() {
     let event = changed[0];
     assert_eq!(
         (&event["channel"], &event["name"], &event["value"], &event["unit"]),
-        (&72.into(), &"gas".into(), &212_992.into(), &"bar".into())
+        (&70.into(), &"gas".into(), &212_992.into(), &"bar".into())
     );
     let retraced: Vec<&Value> = run.events.iter().filter(|event| event["event"] == "retrace_switched").collect();
     assert!(retraced.iter().any(|event| event["value"] == 98_304 && event["unit"] == "bar"), "{retraced:?}");

@@ -9,8 +9,9 @@ use retrace_core::{FeedShare, Place, RecordIndex};
 use super::entry::{read_alarm, write_alarm};
 use super::{ByteReader, ByteWriter};
 use crate::{
-    Alarm, BeamPower, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse,
-    LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, OutputChange, PathStart, ProofInput, SpindlePwm, SpindleSettings,
+    Alarm, AnalogCounts, BeamPower, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting,
+    InputUse, LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, OutputChange, PathStart, ProofInput, SpindlePwm,
+    SpindleSettings,
 };
 
 /// Greeting: a card's answer to a greeting request.
@@ -51,7 +52,7 @@ impl<const A: usize> Greeting<A> {
         writer.u32(of.boot)?;
         let outputs = of.outputs | if of.has_spindle_pwm { SPINDLE_PWM } else { 0 };
         let inputs = of.inputs | if of.has_spindle_encoder { SPINDLE_ENCODER } else { 0 };
-        writer.slice(&[of.axes, outputs, inputs, of.analog_outputs, of.analog_inputs])?;
+        writer.slice(&[of.axes, outputs, inputs, of.analog.outputs(), of.analog.inputs()])?;
         for value in [of.window, of.tick_hz, of.min_period_us, of.max_period_us, of.max_pulses_hz] {
             writer.count(u64::from(value))?;
         }
@@ -79,7 +80,7 @@ impl<const A: usize> Greeting<A> {
         let name = reader.slice(16)?.try_into().ok()?;
         let (serial, boot) = (reader.u32()?, reader.u32()?);
         let (axes, outputs, inputs) = (reader.u8()?, reader.u8()?, reader.u8()?);
-        let (analog_outputs, analog_inputs) = (reader.u8()?, reader.u8()?);
+        let analog = AnalogCounts::new(reader.u8()?, reader.u8()?);
         let identity = CardIdentity {
             protocol,
             name,
@@ -88,8 +89,7 @@ impl<const A: usize> Greeting<A> {
             axes,
             outputs: outputs & !SPINDLE_PWM,
             inputs: inputs & !SPINDLE_ENCODER,
-            analog_outputs,
-            analog_inputs,
+            analog,
             has_spindle_pwm: outputs & SPINDLE_PWM != 0,
             has_spindle_encoder: inputs & SPINDLE_ENCODER != 0,
             window: reader.count32()?,

@@ -548,7 +548,7 @@ fn channels_that_do_not_exist_are_refused() {
     repeated.changes[1] = change(channel::COUNT);
     for command in [
         HostCommand::Action(action(usize::from(channel::HEIGHT) + 1)),
-        HostCommand::Action(action(channel::COUNT)),
+        HostCommand::Action(action(255)),
         HostCommand::ManualOutput(change(usize::from(channel::HEIGHT))),
         HostCommand::ManualOutput(change(channel::COUNT)),
         HostCommand::Repeat(repeated),
