@@ -154,8 +154,9 @@ pub const GRANT: &str = "to permit it: a file in /etc/security/limits.d with `@r
 
 /// Cause of a late line on a prompt computer.
 const LATE_LINE: &str = "the line is late although this computer wakes promptly: on Linux an ordinary kernel \
-    worker (kworker/u…, events_unbound) forwards the bytes of every tty; run fewer programs, keep a core free, or \
-    raise the workers' priority (`chrt -f -p 45 PID`)";
+    worker (kworker/u…, events_unbound) forwards the bytes of every tty; run fewer programs, keep a core free, do \
+    not group processes by session (`sysctl kernel.sched_autogroup_enabled=0`), or raise the workers' priority \
+    (`chrt -f -p 45 PID`)";
 
 /// Sleeps from period to period, under SCHED_FIFO where that is permitted.
 fn wake_ups(period: Duration, length: Duration) -> WakeUps {
