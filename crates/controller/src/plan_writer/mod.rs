@@ -205,7 +205,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     }
 
     /// Sets whether the motion takes as long as a clock: the planner is then far ahead of it, and attempts to write are
-    /// [`ROOM_PAUSE`] apart, so that a full look-ahead costs next to no processor time.
+    /// a millisecond apart, so that a full look-ahead costs next to no processor time.
     #[must_use]
     pub fn with_wall_time(self, is_wall_time: bool) -> Self {
         Self { room_pause: if is_wall_time { ROOM_PAUSE } else { ROOM_PAUSE_VIRTUAL }, ..self }
