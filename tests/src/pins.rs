@@ -2,6 +2,8 @@
 //!
 //! Invariant: a sample has the values of the trace at one moment, and nothing that was derived elsewhere.
 
+use crate::command::Bench;
+use crate::run::Run;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -157,4 +159,21 @@ fn value_of(line: &str) -> Option<(f64, &str)> {
         }
         _ => None,
     }
+}
+
+/// A run on the simulated card with this machine file, program, script of an operator and further arguments, and the
+/// trace of its pins.
+#[must_use]
+pub fn run_with_pins(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", program);
+    let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
+    let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+    let mut arguments = vec!["--machine", &machine, "--vcd", &trace];
+    if !script.is_empty() {
+        arguments.extend(["--operator", &operator]);
+    }
+    arguments.extend(more);
+    let run = Run::of(&bench, &program, &arguments);
+    (run, samples(&vcd))
 }

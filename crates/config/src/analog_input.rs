@@ -6,6 +6,7 @@ use retrace_link::ANALOG_INPUTS;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::analog_declaration::AnalogDeclaration;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
@@ -70,20 +71,8 @@ pub(crate) fn checked(sections: &[AnalogInputSection]) -> Result<Vec<AnalogInput
     for AnalogInputSection { number, name, unit, at_zero, at_full } in sections {
         let key = |key: &str| format!("card.analog_input {number}: {key}");
         let refuse = |what: &str, remedy: &str| Err(NumberedError::new("E2112", key(what), remedy));
-        if usize::from(*number) >= ANALOG_INPUTS {
-            return refuse("there is no such input", "a number from 0 to 3");
-        }
-        if inputs.iter().any(|other| other.number == *number) {
-            return refuse("declared twice", "one table for each input");
-        }
-        for (what, text) in [("name", name), ("unit", unit)] {
-            if text.trim().is_empty() || text.chars().any(char::is_control) {
-                return refuse(&format!("{what} is empty or has control characters"), "a text of its own");
-            }
-        }
-        if inputs.iter().any(|other| other.name.eq_ignore_ascii_case(name)) {
-            return refuse("the name is used twice", "one name each");
-        }
+        let before = inputs.iter().map(|other| (other.number, other.name.as_str()));
+        AnalogDeclaration { number: *number, name, unit }.check("input", ANALOG_INPUTS, before)?;
         within(&key("at_zero"), *at_zero, -MAX_AMOUNT, MAX_AMOUNT)?;
         within(&key("at_full"), *at_full, -MAX_AMOUNT, MAX_AMOUNT)?;
         if at_zero == at_full {

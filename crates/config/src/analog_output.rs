@@ -6,6 +6,7 @@ use retrace_link::{OutputChange, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::analog_declaration::AnalogDeclaration;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
@@ -89,20 +90,8 @@ pub(crate) fn checked(sections: &[AnalogOutputSection]) -> Result<Vec<AnalogOutp
     for AnalogOutputSection { number, name, unit, min, max, safe } in sections {
         let key = |key: &str| format!("card.analog_output {number}: {key}");
         let refuse = |what: &str, remedy: &str| Err(NumberedError::new("E2112", key(what), remedy));
-        if usize::from(*number) >= channel::ANALOG_OUTPUTS {
-            return refuse("there is no such output", "a number from 0 to 7");
-        }
-        if outputs.iter().any(|other| other.number == *number) {
-            return refuse("declared twice", "one table for each output");
-        }
-        for (what, text) in [("name", name), ("unit", unit)] {
-            if text.trim().is_empty() || text.chars().any(char::is_control) {
-                return refuse(&format!("{what} is empty or has control characters"), "a text of its own");
-            }
-        }
-        if outputs.iter().any(|other| other.name.eq_ignore_ascii_case(name)) {
-            return refuse("the name is used twice", "one name each");
-        }
+        let before = outputs.iter().map(|other| (other.number, other.name.as_str()));
+        AnalogDeclaration { number: *number, name, unit }.check("output", channel::ANALOG_OUTPUTS, before)?;
         within(&key("min"), *min, -MAX_AMOUNT, MAX_AMOUNT)?;
         within(&key("max"), *max, -MAX_AMOUNT, MAX_AMOUNT)?;
         if min >= max {
@@ -133,11 +122,11 @@ mod tests {
     fn amounts_in_the_range_become_values_and_others_none() {
         let machine = machine(PRESSURE).expect("valid");
         let gas = &machine.card.analog_outputs[0];
-        let change = |value| Some(OutputChange { channel: 72, value });
+        let change = |value| Some(OutputChange { channel: 74, value });
         assert_eq!([3.25, -1.0, 16.5].map(|amount| gas.change_to(amount)), [212_992, -65_536, 1_081_344].map(change));
         assert_eq!([-1.001, 16.6, f64::NAN].map(|amount| gas.change_to(amount)), [None; 3]);
         assert_eq!(analog_amount(212_992), 3.25);
-        assert_eq!((machine.channel_name(72), machine.channel_named("GAS")), ("gas".into(), Some(72)));
+        assert_eq!((machine.channel_name(74), machine.channel_named("GAS")), ("gas".into(), Some(74)));
     }
 
     /// A fault sets every analog output, the digital ones that it always did, and each once.
@@ -147,7 +136,7 @@ mod tests {
             format!("cutting_outputs = [3]\n{PRESSURE}safe = 1.5\n{}", PRESSURE.replace("2", "0").replace("gas", "v"));
         let settings = machine(&text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(0)));
         let safe: Vec<(u8, i32)> = settings.safe().iter().map(|change| (change.channel, change.value)).collect();
-        assert_eq!(safe, [(3, 0), (channel::SPINDLE, 0), (70, 0), (72, 98_304)]);
+        assert_eq!(safe, [(3, 0), (channel::SPINDLE, 0), (72, 0), (74, 98_304)]);
     }
 
     #[test]

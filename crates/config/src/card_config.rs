@@ -206,10 +206,11 @@ impl CardSection {
             all
         });
         let analog_outputs = analog_output::checked(&self.analog_output)?;
-        if off_at_fault.len() + analog_outputs.len() > MAX_SAFE || off_at_fault.iter().any(|&c| c >= channel::ANALOG) {
+        if off_at_fault.len() + analog_outputs.len() > MAX_SAFE || off_at_fault.iter().any(|&c| c > channel::UNWATCHED)
+        {
             return Err(refuse(format!(
                 "card.off_at_fault: at most {MAX_SAFE} outputs together with the analog ones, each from 0 to {}",
-                channel::ANALOG - 1
+                channel::UNWATCHED
             )));
         }
         let spindle_pwm = self.spindle_pwm.map(SpindlePwmSection::checked).transpose()?;

@@ -27,6 +27,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod analog_declaration;
 mod analog_input;
 mod analog_output;
 mod analog_output_conflicts;

@@ -283,7 +283,9 @@ impl MachineConfig {
     /// The channel of this name; case is ignored.
     #[must_use]
     pub fn channel_named(&self, name: &str) -> Option<u8> {
-        (0..retrace_link::channel::COUNT as u8).find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
+        let mut channels =
+            (0..retrace_link::channel::COUNT as u8).filter(|&number| retrace_link::channel::is_output(number));
+        channels.find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
     }
 
     /// The cutter that this channel lights, opens or starts, if any.

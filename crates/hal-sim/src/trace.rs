@@ -37,8 +37,8 @@ pub struct Trace<W: Write, const A: usize> {
     vcd: Vcd<W>,
     axes: [AxisSignals; A],
     card: CardSignals,
-    /// Signals of the channels, in their order; numbers that are no output have none.
-    outputs: Vec<Signal>,
+    /// Each channel and its signal.
+    outputs: Vec<(u8, Signal)>,
 }
 
 impl<W: Write, const A: usize> Trace<W, A> {
@@ -69,8 +69,8 @@ impl<W: Write, const A: usize> Trace<W, A> {
             beam_power: vcd.signal("card", "beam_power", 32)?,
         };
         let mut outputs = Vec::with_capacity(channel::COUNT);
-        for number in 0..channel::COUNT {
-            outputs.push(match number as u8 {
+        for number in (0..channel::COUNT as u8).filter(|&number| channel::is_output(number)) {
+            let signal = match number {
                 channel::SPINDLE => vcd.signal("outputs", "spindle", 32)?,
                 channel::SPEED => vcd.signal("outputs", "speed", 32)?,
                 channel::MIST => vcd.signal("outputs", "mist", 1)?,
@@ -81,7 +81,8 @@ impl<W: Write, const A: usize> Trace<W, A> {
                     vcd.signal("outputs", &format!("analog{}", analog - channel::ANALOG), 32)?
                 }
                 digital => vcd.signal("outputs", &format!("out{digital}"), 1)?,
-            });
+            };
+            outputs.push((number, signal));
         }
         vcd.begin()?;
         let axes: [AxisSignals; A] = axes.try_into().map_err(|_| io::ErrorKind::InvalidData)?;
@@ -109,8 +110,8 @@ impl<W: Write, const A: usize> Trace<W, A> {
         vcd.set(at_ns, card.alarm, status.alarm.map_or(0, |alarm| u64::from(alarm.to_wire().0)))?;
         vcd.set(at_ns, card.inputs, u64::from(status.inputs))?;
         vcd.set(at_ns, card.beam_power, u64::from(status.beam_power as u32))?;
-        for (&signal, &value) in self.outputs.iter().zip(&status.outputs) {
-            vcd.set(at_ns, signal, value as u32 as u64)?;
+        for &(number, signal) in &self.outputs {
+            vcd.set(at_ns, signal, status.outputs[usize::from(number)] as u32 as u64)?;
         }
         for (axis, &count) in self.axes.iter().zip(&status.counts) {
             vcd.set(at_ns, axis.count, count as u64)?;

@@ -1,7 +1,7 @@
 //! The outputs of a card: their channels and values, how an instruction changes them, and the input that it may wait
 //! for.
 //!
-//! Invariant: a channel is below [`channel::COUNT`] on every card; [`channel::HEIGHT`] is above it.
+//! Invariant: a channel is below [`channel::COUNT`] on every card; [`channel::HEIGHT`] is not.
 
 /// Output channels of a card and their meaning.
 pub mod channel {
@@ -21,28 +21,32 @@ pub mod channel {
     pub const UNWATCHED: u8 = 69;
     /// First analog output (M67, M68). The values of the analog outputs are in units of 1/[`ANALOG_ONE`] of the unit
     /// that the machine file gives them.
-    pub const ANALOG: u8 = 70;
+    pub const ANALOG: u8 = 72;
     /// Maximum number of analog outputs of a card; 0 without the feature `analog`.
     pub const ANALOG_OUTPUTS: usize = if cfg!(feature = "analog") { 8 } else { 0 };
     /// Value of an analog output that is at one unit.
     pub const ANALOG_ONE: i32 = 1 << 16;
-    /// Number of output channels.
-    pub const COUNT: usize = ANALOG as usize + ANALOG_OUTPUTS;
+    /// One more than the highest channel that is not analog.
+    const NOT_ANALOG: u8 = UNWATCHED + 1;
+    /// Number of values in [`Outputs`](super::Outputs): one more than the highest channel. The numbers between the
+    /// other channels and the analog ones are none ([`is_output`]).
+    pub const COUNT: usize =
+        if cfg!(feature = "analog") { ANALOG as usize + ANALOG_OUTPUTS } else { NOT_ANALOG as usize };
     /// No output, on any card: the `after` of an action with this channel is the height over the sheet, in pulses, to
     /// which the layer moves beside the path from there on (CUT-13). It counts where the action is passed for the first
     /// time and a cutter is on.
-    pub const HEIGHT: u8 = 78;
+    pub const HEIGHT: u8 = 80;
 
     /// Whether the number is that of an output.
     #[must_use]
     pub const fn is_output(channel: u8) -> bool {
-        (channel as usize) < COUNT
+        channel < NOT_ANALOG || is_analog(channel)
     }
 
     /// Whether the number is that of an analog output.
     #[must_use]
     pub const fn is_analog(channel: u8) -> bool {
-        ANALOG <= channel && is_output(channel)
+        ANALOG <= channel && (channel as usize) < COUNT
     }
 }
 

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains};
-use retrace_tests::pins::{Sample, samples};
+use retrace_tests::pins::{Sample, run_with_pins, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
@@ -31,12 +31,7 @@ fn events(text: &str, kind: &str) -> Vec<Value> {
 }
 
 fn run(machine: &str, program: &str, script: &str) -> (Run, Vec<Sample>) {
-    let bench = Bench::new();
-    let (machine, program) = (bench.file("m.toml", machine), bench.file("part.ngc", program));
-    let (vcd, operator) = (bench.path("pins.vcd"), bench.file("s.op", script));
-    let [machine, trace, operator] = [&machine, &vcd, &operator].map(|path| path.display().to_string());
-    let run = Run::of(&bench, &program, &["--machine", &machine, "--vcd", &trace, "--operator", &operator]);
-    (run, samples(&vcd))
+    run_with_pins(machine, program, script, &[])
 }
 
 /// M67 changes the value at its place without a stop, and the value belongs to the place: backward it is the earlier
@@ -77,7 +72,7 @@ fn a_value_is_set_in_passing_at_its_place_and_undone_in_reverse() {
     let event = changed[0];
     assert_eq!(
         (&event["channel"], &event["name"], &event["value"], &event["unit"]),
-        (&70.into(), &"gas".into(), &212_992.into(), &"bar".into())
+        (&72.into(), &"gas".into(), &212_992.into(), &"bar".into())
     );
     let retraced: Vec<&Value> = run.events.iter().filter(|event| event["event"] == "retrace_switched").collect();
     assert!(retraced.iter().any(|event| event["value"] == 98_304 && event["unit"] == "bar"), "{retraced:?}");
@@ -174,6 +169,37 @@ fn an_alarm_sets_the_safe_value() {
     }
 }
 
+/// After a power loss of the card every output is 0 at its pins, also one whose safe value is another, until a program
+/// sets it; nothing moves.
+#[test]
+fn a_power_loss_leaves_the_value_at_zero_until_a_program_sets_it() {
+    let bench = Bench::new();
+    bench.file("m.toml", format!("[card]\nwatchdog_ms = 1000\n{OUTPUTS}"));
+    bench.file("part.ngc", "G21 G90 F600\nM68 E0 Q12\nM68 E5 Q-3\nG1 X1\nM67 E5 Q-4\nG1 X90\nM2\n");
+    let [machine, vcd] = ["m.toml", "pins.vcd"].map(|name| bench.path(name).display().to_string());
+    let mut card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd]);
+    let arguments = ["run", "part.ngc", "--machine", "m.toml", "--card", &card.port, "--json"];
+    let mut child = bench.start(&arguments, Stdio::null(), "told.txt");
+    let begun = Instant::now();
+    while !fs::read_to_string(bench.path("told.txt")).unwrap_or_default().contains("\"event\":\"output_changed\"") {
+        assert!(begun.elapsed() < Duration::from_secs(30), "nothing was set");
+        thread::sleep(Duration::from_millis(5));
+    }
+    card.operate("power off");
+    thread::sleep(Duration::from_millis(300));
+    card.operate("power on");
+    thread::sleep(Duration::from_millis(1500));
+    let _ = child.kill();
+    child.wait().expect("it ends");
+    let _ = card.end();
+    let trace = samples(&bench.path("pins.vcd"));
+    let set = trace.iter().rposition(|now| amount(now, "analog5") == -4.0).expect("M67");
+    assert!(trace.len() > set + 1, "the power is off");
+    for now in &trace[set + 1..] {
+        assert_eq!((amount(now, "analog0"), amount(now, "analog5"), now.rate), (0.0, 0.0, 0.0), "{now:?}");
+    }
+}
+
 /// The values are a part of what a resumed job restores.
 #[test]
 fn a_resumed_job_restores_the_value() {
@@ -261,6 +287,24 @@ fn a_program_learns_what_an_analog_input_shows_at_rest_and_a_resumed_job_knows_i
     let counts = card.identify(&bench)["counts"].clone();
     assert_eq!((&counts[0], &counts[1]), (&60_000.into(), &12_500.into()));
     let _ = card.end();
+}
+
+/// Where a program reads with the torch on, the torch stands for the time of a report, and never for longer than the card
+/// lets one burn at rest; it is not put out for it.
+#[test]
+fn a_torch_stands_for_a_report_while_a_program_reads() {
+    let torch = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nstart = { pierce_s = 0.4 }\n";
+    let program = "G21 G90 F1800\nG0 X10\nM3\nG1 X70\nM66 E1 L0\nG1 X100\nM5\nM2\n";
+    for every_ms in [8, 99] {
+        let (run, trace) = run(&format!("{torch}[card]\nreport_every_ms = {every_ms}\n{INPUT}"), program, "");
+        run.assert_exact_and_legal();
+        let burns = |now: &&Sample| now.is_on("spindle") && now.at_rest && now.counts == [70_000, 0, 0];
+        let first = trace.iter().find(burns).expect("it stands");
+        let behind = trace.iter().find(|now| now.at_us > first.at_us && !burns(now)).expect("it goes on");
+        let stands_ms = (behind.at_us - first.at_us) / 1000;
+        assert!((every_ms..=every_ms + 3).contains(&stands_ms), "{every_ms}: {stands_ms} ms");
+        assert_eq!((&run.report["outcome"], &run.report["cut_interruptions"]), (&"completed".into(), &0.into()));
+    }
 }
 
 /// An input that the machine file does not declare, and a card that has none.

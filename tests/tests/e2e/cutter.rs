@@ -3,7 +3,7 @@
 //! Invariant: the outputs are checked by the trace of the card alone.
 
 use retrace_tests::command::{Bench, CommandOutput};
-use retrace_tests::pins::{Sample, samples};
+use retrace_tests::pins::{Sample, run_with_pins as run, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 use serde_json::{Value, json};
@@ -27,21 +27,6 @@ const SPINDLE: &str = "[[cutter]]\nname = \"spindle\"\nkind = \"spindle\"\nfire 
 /// Line 4 is a cut of 2 s, line 6 a rapid, line 8 another cut.
 const TORCH_PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
 const JET_PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM64 P3\nG4 P0.3\nG1 X70\nM65 P3\nG0 X0\nM2\n";
-
-/// A run with this machine file and script, and the trace of its pins.
-fn run(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
-    let bench = Bench::new();
-    let program = bench.file("part.ngc", program);
-    let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
-    let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
-    let mut arguments = vec!["--machine", &machine, "--vcd", &trace];
-    if !script.is_empty() {
-        arguments.extend(["--operator", &operator]);
-    }
-    arguments.extend(more);
-    let run = Run::of(&bench, &program, &arguments);
-    (run, samples(&vcd))
-}
 
 /// Longest time, in ms, that an output was on without a break while the machine was at rest, and its program line.
 fn max_standing_ms(samples: &[Sample], output: &str) -> (u64, u64) {

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains};
-use retrace_tests::pins::{Sample, samples};
+use retrace_tests::pins::{Sample, run_with_pins, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 
@@ -18,12 +18,7 @@ const MACHINE: &str = "[spindle]\norient_output = 7\norient_input = 4\norient_an
 const PROGRAM: &str = "G21 G90 F600\nG1 X2\nM19 R90\nG1 X50\nM2\n";
 
 fn run(program: &str, script: &str) -> (Run, Vec<Sample>) {
-    let bench = Bench::new();
-    let (machine, program) = (bench.file("m.toml", MACHINE), bench.file("part.ngc", program));
-    let (vcd, operator) = (bench.path("pins.vcd"), bench.file("s.op", script));
-    let [machine, trace, operator] = [&machine, &vcd, &operator].map(|path| path.display().to_string());
-    let run = Run::of(&bench, &program, &["--machine", &machine, "--vcd", &trace, "--operator", &operator]);
-    let trace = samples(&vcd);
+    let (run, trace) = run_with_pins(MACHINE, program, script, &[]);
     assert!(!trace.iter().any(|sample| sample.is_on("spindle") && sample.is_on("out7")), "both are on");
     let end = trace.last().expect("a sample");
     assert!(!end.is_on("spindle") && !end.is_on("out7"), "on at the end: {end:?}");

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use retrace_tests::command::Bench;
-use retrace_tests::pins::{Sample, samples};
+use retrace_tests::pins::{Sample, run_with_pins, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
@@ -30,12 +30,7 @@ fn machine(more: &str) -> String {
 }
 
 fn run(machine: &str, program: &str, script: &str) -> (Run, Vec<Sample>) {
-    let bench = Bench::new();
-    let (machine, program) = (bench.file("m.toml", machine), bench.file("part.ngc", program));
-    let (vcd, operator) = (bench.path("pins.vcd"), bench.file("s.op", script));
-    let [machine, trace, operator] = [&machine, &vcd, &operator].map(|path| path.display().to_string());
-    let run = Run::of(&bench, &program, &["--machine", &machine, "--vcd", &trace, "--operator", &operator]);
-    (run, samples(&vcd))
+    run_with_pins(machine, program, script, &[])
 }
 
 /// S in turns per minute.
