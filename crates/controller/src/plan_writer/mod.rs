@@ -571,6 +571,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// Retries until it succeeds: first immediately, then with longer and longer pauses. Stops when cancelled.
     fn retry(&mut self, mut attempt: impl FnMut(&mut Self) -> Option<Result<(), Cancelled>>) -> Result<(), Cancelled> {
         let mut paused = Duration::ZERO;
+        // Up to the place where a resumed job was left, the motion path takes records as fast as they are planned.
+        let pause = if self.expected_marks.is_empty() { self.room_pause } else { ROOM_PAUSE_VIRTUAL };
         for tries in 0u32.. {
             if let Some(result) = attempt(self) {
                 return result;
@@ -580,12 +582,12 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 50..100 => thread::yield_now(),
                 _ if self.cancel.load(Ordering::Relaxed) => break,
                 _ if paused < PROPOSAL_DELAY => {
-                    paused += self.room_pause;
-                    thread::sleep(self.room_pause);
+                    paused += pause;
+                    thread::sleep(pause);
                 }
                 _ => {
                     self.answer_proposal()?;
-                    thread::sleep(Duration::from_micros(500).max(self.room_pause));
+                    thread::sleep(pause.max(Duration::from_micros(500)));
                 }
             }
         }
