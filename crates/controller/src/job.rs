@@ -213,12 +213,9 @@ fn run_threads<const A: usize, C: MotionCard<A>>(
     let given_up = program.cancel_token();
     thread::scope(|scope| {
         let (sender, batches) = (BatchSender::new(&belt), BatchReceiver::new(&belt));
-        let decoder = spawn_named(scope, ("decoding", run_mode.real_time), move || {
-            raise_supply(run_mode);
-            decoding::decode(program, &sender, &results)
-        });
+        let decoder =
+            spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(program, &sender, &results));
         let planner = spawn_named(scope, ("planning", run_mode.real_time), move || {
-            raise_supply(run_mode);
             planning::plan(machine, batches, batch, (within, rests), feeder, result_sender)
         });
         let reporter = spawn_named(scope, ("reporting", run_mode.real_time), move || receiver.run(observer));
@@ -266,15 +263,6 @@ fn spawn_named<'scope, T: Send + 'scope>(
     };
     let begun = thread::Builder::new().name(name.into()).spawn_scoped(scope, work);
     begun.unwrap_or_else(|error| panic!("the system cannot create another thread: {error}"))
-}
-
-/// Raises the calling thread where the motion thread, scheduled in real time, waits for what it prepares: without that,
-/// other programs on a busy computer let the look-ahead run dry, and a torch goes out in its cut.
-fn raise_supply(run_mode: RunMode) {
-    if run_mode.real_time {
-        // Without permission it works as before.
-        let _ = retrace_real_time::raise();
-    }
 }
 
 /// A panic in the thread is a defect, never an input; it is propagated.

@@ -109,10 +109,6 @@ impl JournalWriter {
             .spawn(move || {
                 // A job that is resumed calls this from its motion thread.
                 let _ = retrace_real_time::leave();
-                if queue.durability() == Durability::Synced {
-                    // The motion waits for the durable place; without permission it works as before.
-                    let _ = retrace_real_time::raise();
-                }
                 queue.write_batches(&mut writer);
             })
             .map_err(journal_error)?;

@@ -24,10 +24,6 @@ use std::fmt;
 /// kernel's own interrupt threads where these have a higher one.
 pub const PRIORITY: u8 = 40;
 
-/// Niceness of a thread that prepares what the motion thread needs, of −20 to 19: above ordinary programs, so that a
-/// busy computer does not let the look-ahead run dry; below everything that is scheduled in real time.
-pub const SUPPLY_NICENESS: i32 = -10;
-
 /// The system does not permit real-time scheduling.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RealTimeDenied {
@@ -61,15 +57,6 @@ pub fn leave() -> Result<(), RealTimeDenied> {
     platform::schedule(None)
 }
 
-/// Gives the calling thread, which is not scheduled in real time, [`SUPPLY_NICENESS`]: for decoding, planning and the
-/// journal, which the motion thread waits for. Where it is nicer to begin with, it is raised as well.
-///
-/// # Errors
-/// It is not permitted, or the system has no niceness of a single thread.
-pub fn raise() -> Result<(), RealTimeDenied> {
-    platform::raise()
-}
-
 /// Checks whether a thread may be scheduled under SCHED_FIFO, on a thread of its own.
 ///
 /// # Errors
@@ -91,9 +78,10 @@ pub fn lock_memory() -> Result<(), RealTimeDenied> {
 
 #[cfg(target_os = "linux")]
 mod platform {
-    use super::{RealTimeDenied, SUPPLY_NICENESS};
+    use super::RealTimeDenied;
     use rustix::mm::{MlockAllFlags, mlockall};
-    use rustix::process::{Resource, getpriority_process, getrlimit, setpriority_process};
+    use rustix::process::getpriority_process;
+    use rustix::process::{Resource, getrlimit};
     use thread_priority::{
         Error, NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue,
         ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
@@ -117,12 +105,6 @@ mod platform {
             Error::OS(code) => denied(std::io::Error::from_raw_os_error(code).to_string()),
             other => denied(other.to_string()),
         })
-    }
-
-    /// On Linux the niceness of "the calling process" is that of the calling thread.
-    pub(super) fn raise() -> Result<(), RealTimeDenied> {
-        let denied = |error: rustix::io::Errno| RealTimeDenied { what: "niceness", why: error.to_string() };
-        setpriority_process(None, SUPPLY_NICENESS).map_err(denied)
     }
 
     /// The priority that stands for the niceness that the thread has: it is set together with the policy.
@@ -157,10 +139,6 @@ mod platform {
         Err(RealTimeDenied { what: "SCHED_FIFO", why: "it is used on Linux only".into() })
     }
 
-    pub(super) fn raise() -> Result<(), RealTimeDenied> {
-        Err(RealTimeDenied { what: "niceness", why: "it is used on Linux only".into() })
-    }
-
     pub(super) fn lock_memory() -> Result<(), RealTimeDenied> {
         Err(RealTimeDenied { what: "locking memory", why: "it is used on Linux only".into() })
     }
@@ -184,16 +162,6 @@ mod tests {
         let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
         let without: Vec<i32> = (-20..20).filter(|&nice| platform::priority_of(nice, policy).is_none()).collect();
         assert_eq!(without, []);
-    }
-
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn a_raised_thread_is_raised_alone() {
-        let niceness = || rustix::process::getpriority_process(None).ok();
-        let before = niceness();
-        let (raised, is) = std::thread::spawn(move || (raise(), niceness())).join().expect("no panic");
-        assert_eq!(is, if raised.is_ok() { Some(SUPPLY_NICENESS) } else { before });
-        assert_eq!(niceness(), before);
     }
 
     #[cfg(target_os = "linux")]
