@@ -289,8 +289,8 @@ fn a_program_learns_what_an_analog_input_shows_at_rest_and_a_resumed_job_knows_i
     let _ = card.end();
 }
 
-/// Where a program reads with the torch on, the torch stands for the time of a report, and never for longer than the card
-/// lets one burn at rest; it is not put out for it.
+/// Where a program reads with the torch on, the torch stands for the time of a report, and never for longer than the
+/// card lets one burn at rest; it is not put out for it.
 #[test]
 fn a_torch_stands_for_a_report_while_a_program_reads() {
     let torch = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nstart = { pierce_s = 0.4 }\n";
