@@ -331,7 +331,8 @@ impl GearDrive {
                 self.is_complete = self.has_turned;
             }
         }
-        self.follows_by_hand = false;
+        // Whatever the spindle turns until the stretch is awaited again is none of it.
+        (self.follows_by_hand, self.foreseen, self.waited) = (false, None, 0);
         let forward = stretch.spindle_values(SpindleCourse::Forward);
         let course = core::mem::take(&mut self.course);
         if course == SpindleCourse::Stopped && !self.is_halted {
@@ -354,7 +355,7 @@ impl GearDrive {
                 still(None, self.stretch.map(|of| of.spindle_values(SpindleCourse::Forward)))
             }
             BehindStretch::Turning if spindle.is_at_speed() => {
-                self.behind = BehindStretch::Free;
+                (self.behind, self.waited) = (BehindStretch::Free, 0);
                 self.forget_passed();
                 None
             }

@@ -77,6 +77,25 @@ pub(crate) struct SpindleSection {
     /// Turns of the spindle in a tap from the command to reverse it until it stands, at `max_rpm`, 0 … 100. They
     /// grow with the square of the speed. With 0 it is reversed at the depth, and turns behind it.
     reversal_turns: f64,
+    /// What a feed hold does in a thread (G33, G76).
+    thread_hold: ThreadHold,
+    /// Whether a held tap can be turned back out of its hole by *reverse*.
+    tap_retrace: bool,
+    /// Speed of the spindle in turns per minute where a thread is reversed. Without it, the S of the thread; never
+    /// faster than that.
+    #[schemars(range(min = 0.1, max = 1_000_000.0))]
+    reverse_rpm: Option<f64>,
+}
+
+/// What a feed hold does in a thread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ThreadHold {
+    /// The thread is finished, and the machine holds behind it.
+    #[default]
+    Finish,
+    /// The spindle is switched off, and the tool rests in the thread.
+    Spindle,
 }
 
 /// How G74 and G84 tap.
@@ -110,6 +129,9 @@ impl Default for SpindleSection {
             tapping: Tapping::Floating,
             reversible: true,
             reversal_turns: 0.0,
+            thread_hold: ThreadHold::Finish,
+            tap_retrace: false,
+            reverse_rpm: None,
         }
     }
 }
@@ -129,6 +151,12 @@ pub struct EncoderConfig {
     pub reversal_turns: f64,
     /// Whether G74 and G84 tap rigidly.
     pub is_tapping_rigid: bool,
+    /// Whether a feed hold in a thread switches the spindle off; otherwise the thread is finished.
+    pub holds_in_thread: bool,
+    /// Whether a held tap can be reversed out of its hole.
+    pub reverses_taps: bool,
+    /// Speed in turns per minute where a thread is reversed; `None`: that of the thread.
+    pub reverse_rpm: Option<f64>,
 }
 
 impl SpindleSection {
@@ -140,6 +168,9 @@ impl SpindleSection {
         within("spindle.thread_margin_percent", self.thread_margin_percent, 0.0, 200.0)?;
         within("spindle.thread_tolerance_mm", self.thread_tolerance_mm, 0.001, 1.0)?;
         within("spindle.reversal_turns", self.reversal_turns, 0.0, 100.0)?;
+        if let Some(rpm) = self.reverse_rpm {
+            within("spindle.reverse_rpm", rpm, 0.1, 1_000_000.0)?;
+        }
         let Some(counts_per_turn) = self.counts_per_turn else { return Ok(None) };
         let most = f64::from(retrace_core::gear::MAX_COUNTS_PER_TURN);
         within("spindle.counts_per_turn", f64::from(counts_per_turn), 4.0, most)?;
@@ -165,6 +196,9 @@ impl SpindleSection {
             is_reversible: self.reversible,
             reversal_turns: self.reversal_turns,
             is_tapping_rigid: self.tapping == Tapping::Rigid,
+            holds_in_thread: self.thread_hold == ThreadHold::Spindle,
+            reverses_taps: self.tap_retrace && self.reversible,
+            reverse_rpm: self.reverse_rpm,
         }))
     }
 }
@@ -189,8 +223,20 @@ mod tests {
         assert!(found.settings.is_inverted && found.settings.has_index && found.settings.is_valid());
         assert_eq!((found.settings.at_speed_permille, found.settings.at_speed_periods), (50, 100));
         assert!((found.thread_margin - 1.25).abs() < 1e-12);
+        assert!(!found.holds_in_thread && !found.reverses_taps && found.reverse_rpm.is_none());
+        let held =
+            "counts_per_turn = 400\nmax_rpm = 3000\nthread_hold = \"spindle\"\ntap_retrace = true\nreverse_rpm = 60";
+        let found = encoder(held).expect("valid").expect("an encoder");
+        assert!(found.holds_in_thread && found.reverses_taps && found.reverse_rpm == Some(60.0));
+        let one_way = encoder(&format!("{held}\nreversible = false")).expect("valid").expect("an encoder");
+        assert!(!one_way.reverses_taps);
         assert!(encoder("counts_per_turn = 400").expect_err("no speed").contains("max_rpm"));
-        for wrong in ["counts_per_turn = 3\nmax_rpm = 100", "at_speed_percent = 60", "thread_tolerance_mm = 0"] {
+        for wrong in [
+            "counts_per_turn = 3\nmax_rpm = 100",
+            "at_speed_percent = 60",
+            "reverse_rpm = 0",
+            "thread_tolerance_mm = 0",
+        ] {
             assert!(encoder(wrong).is_err(), "{wrong}");
         }
     }

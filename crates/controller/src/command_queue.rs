@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn a_script_and_somebody_at_a_screen_are_both_heard() {
         let script =
-            crate::operator::parse_script("at 0.002s hold\nafter 0s wheel 1000 for 1s", "script").expect("valid");
+            crate::operator_words::parse_script("at 0.002s hold\nafter 0s wheel 1000 for 1s", "script").expect("valid");
         let (orders, receiver) = command_channel();
         let mut operators = CommandSources::from_script(ScriptPlayer::new(script, 1000)).with_operator(receiver);
         orders.send(OperatorCommand::Single).expect("room");

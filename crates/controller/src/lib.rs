@@ -51,6 +51,7 @@ mod material_figures;
 mod mdi;
 mod motion_sink;
 mod operator;
+mod operator_words;
 mod overrides;
 mod path_profile;
 mod plan_item;
@@ -104,9 +105,9 @@ pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
 pub use operator::{
-    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide,
-    parse_operator_command, parse_script, rate_percent,
+    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide, rate_percent,
 };
+pub use operator_words::{parse_operator_command, parse_script};
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
 pub use path_profile::PathProfile;
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};

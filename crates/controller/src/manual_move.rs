@@ -36,6 +36,8 @@ pub(crate) struct ManualMove {
     arming: Arming,
     /// Whether it is held.
     is_held: bool,
+    /// Whether it is passed backward to its beginning.
+    is_reversed: bool,
 }
 
 /// What the card needs before anything moves.
@@ -92,6 +94,7 @@ impl ManualMove {
             off_path: false,
             arming: Arming::None,
             is_held: false,
+            is_reversed: false,
         }
     }
 
@@ -114,6 +117,11 @@ impl ManualMove {
     /// Holds the move, or lets it go on.
     pub(crate) fn hold(&mut self, is_held: bool) {
         self.is_held = is_held;
+    }
+
+    /// Passes a tap backward to its beginning, or forward again.
+    pub(crate) fn reverse(&mut self, is_reversed: bool) {
+        self.is_reversed = is_reversed;
     }
 
     /// Whether it is held.
@@ -170,7 +178,11 @@ impl ManualMove {
                 Arming::Probe(_) => card.status().probe != ProbeLatch::Idle && self.may_move(jog_planner, card),
                 Arming::Tap(_) => is_armed,
             };
-            let wanted = if self.is_held { Rate::ZERO } else { Rate::ONE };
+            let wanted = match (self.is_held, self.is_reversed) {
+                (true, _) => Rate::ZERO,
+                (false, true) => -Rate::ONE,
+                (false, false) => Rate::ONE,
+            };
             if sent != wanted && is_ready && card.send(HostCommand::rate(wanted)).is_ok() {
                 sent = wanted;
             }

@@ -33,8 +33,8 @@ pub(crate) use lead_in::{LeadIn, LeadInEnd, LeadInMove};
 pub enum SendHorizon {
     /// To the end of what is planned: normal run.
     LookAhead,
-    /// To the furthest place ever executed: retracing.
-    Reached,
+    /// To this place, the furthest one that may be retraced to.
+    Until(RecordIndex),
 }
 
 /// Capacity for exclusive instructions.
@@ -536,11 +536,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     /// Sends records ahead until the card is full or the horizon is reached.
-    pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, road: SendHorizon) {
-        let (mut place, reached) = (card.status().high, card.status().reached);
-        let end = self.send_end(road, reached);
-        let Some(joined) = self.fill_lead_in(card, place) else { return };
-        place = joined;
+    pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, horizon: SendHorizon) {
+        let end = self.send_end(horizon);
+        let Some(mut place) = self.fill_lead_in(card, card.status().high) else { return };
         let mut action = self.actions.partition_point(|(a, _)| a.place.is_before(place));
         let sure = self.safe_to_send_until();
         while place.is_before(end) && place.is_before(sure) && self.gates.b_open(place) {

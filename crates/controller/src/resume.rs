@@ -276,8 +276,8 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     line: u32,
     mm_per_pulse: [f64; A],
     switched: ReplayedSwitching<'s, 'r, A>,
-    /// The last thread: its first record, the place behind it, and its line.
-    thread: Option<([RecordIndex; 2], u32)>,
+    /// The last thread: the place behind it, and its line.
+    thread: Option<(RecordIndex, u32)>,
 }
 
 impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
@@ -390,7 +390,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             }
             if let Some(done) = self.streamer.mark_executed(number) {
                 if let Some(SpindleTask::Gear(start)) = done.spindle {
-                    self.thread = Some(([done.place, done.place + start.length], done.line));
+                    self.thread = Some((done.place + start.length, done.line));
                 }
                 (self.switched)(self.streamer, done.place, done.line, &done.changes[..usize::from(done.count)]);
             }
@@ -408,8 +408,8 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             self.streamer.marks().is_some() || !self.at.marks.iter().any(|m| self.at.origin.is_before(m.place));
         if is_there && has_marks {
             let left = self.at.start.place.record;
-            if let Some(([first, end], line)) = self.thread
-                && !left.is_before(first)
+            // Also where it was reversed out of the thread again: the way to the furthest place is geared.
+            if let Some((end, line)) = self.thread
                 && left.is_before(end)
             {
                 return Err(ResumeError::InThread { line });

@@ -100,7 +100,7 @@ impl ScriptPlayer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::operator::parse_script;
+    use crate::operator_words::parse_script;
 
     #[test]
     fn after_counts_from_where_the_script_begins() {

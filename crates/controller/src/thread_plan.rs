@@ -73,6 +73,7 @@ impl<const A: usize> ThreadPlan<A> {
             return Err(ThreadError::TooShort { needs_mm: run_in.max(run_out) });
         }
         self.gear.control = SpindleControl::Tap(records as u32);
+        // Out of the hole it turns as fast as into it.
         self.gear.reverse_share = 1 << 8;
         Ok(self)
     }
@@ -188,11 +189,18 @@ impl<const A: usize> ThreadStretch<A> {
                 tolerance: Distance::from_units((encoder.thread_tolerance_mm / step_mm * 4_294_967_296.0) as i64),
             },
             ramp_share: (share * 65_536.0).ceil().min(65_535.0) as u16,
-            reverse_share: 0,
-            control: SpindleControl::None,
+            reverse_share: self.reverse_share(encoder),
+            control: if encoder.holds_in_thread { SpindleControl::Held } else { SpindleControl::None },
         };
         let run_mm = [main.before_mm + along_mm[first], main.total_mm - main.before_mm - along_mm[end]];
         Ok(ThreadPlan { records, gear, run_mm, along_mm, straight: [first, end] })
+    }
+
+    /// Speed of the spindle where the stretch is reversed, in units of 2⁻⁸ of the commanded speed: no faster than that,
+    /// and 0 where it cannot be reversed.
+    fn reverse_share(&self, encoder: &EncoderConfig) -> u16 {
+        let share = encoder.reverse_rpm.map_or(1.0, |rpm| (rpm / self.rpm).min(1.0));
+        if encoder.is_reversible { ((share * 256.0) as u16).max(1) } else { 0 }
     }
 
     /// Program line in which it begins.

@@ -172,6 +172,10 @@ export class ActionTable {
     this.orders.send(this.store.state.pause?.stopped ? 'spindle start' : 'spindle stop');
   }
 
+  performFollowSpindle() {
+    this.orders.send(this.store.live?.gear === 'by_hand' ? 'follow off' : 'follow spindle');
+  }
+
   performOptionalStop() {
     this.orders.send(`optional stop ${this.store.state.optional_stop ? 'off' : 'on'}`);
   }

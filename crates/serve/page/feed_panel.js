@@ -207,7 +207,7 @@ export class FeedPanel {
   showSpindle(live) {
     const rpm = live?.rpm;
     this.spindle.node.hidden = rpm === null || rpm === undefined;
-    const gear = { waiting: ' · waits for its angle', engaged: ' · thread' }[live?.gear] ?? '';
+    const gear = { waiting: ' · waits for its angle', engaged: ' · thread', by_hand: ' · by hand' }[live?.gear] ?? '';
     setText(this.spindle.value, `${rpm ?? 0}/min${gear}`);
   }
 

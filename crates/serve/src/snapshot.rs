@@ -149,7 +149,8 @@ pub(crate) struct LiveView {
     seconds_lit: Option<f64>,
     /// Measured speed of the spindle, turns a minute, positive clockwise.
     rpm: Option<f64>,
-    /// What the motion does with its angle: `off`, `waiting`, `engaged`.
+    /// What the motion does with its angle: `off`, `waiting`, `engaged`, or `by_hand` where the spindle is turned by
+    /// hand.
     gear: &'static str,
 }
 
@@ -400,6 +401,7 @@ impl LiveView {
             gear: match model.spindle.gear {
                 GearState::Off => "off",
                 GearState::Waiting => "waiting",
+                GearState::Engaged if model.follows_spindle => "by_hand",
                 GearState::Engaged => "engaged",
             },
         }

@@ -121,6 +121,8 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::SpindleStart => "start the spindle".into(),
         OperatorCommand::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
         OperatorCommand::ToolLength(length) => length.to_string(),
+        OperatorCommand::FollowSpindle(true) => "the axes follow the spindle turned by hand".into(),
+        OperatorCommand::FollowSpindle(false) => "the axes no longer follow the spindle".into(),
         OperatorCommand::Online => "return to on-line mode".into(),
     }
 }

@@ -301,6 +301,7 @@ impl KeyState {
             }
             KeyAction::Spindle if model.output(channel::SPINDLE) == 0 => OperatorCommand::SpindleStart,
             KeyAction::Spindle => OperatorCommand::SpindleStop,
+            KeyAction::FollowSpindle => OperatorCommand::FollowSpindle(!model.follows_spindle),
             KeyAction::Online => OperatorCommand::Online,
             KeyAction::Jog | KeyAction::JogDown | KeyAction::JogUp => return self.jog(key, now_ms, model),
             KeyAction::ClearAlarm if model.alarm.is_none() => {

@@ -117,6 +117,8 @@ pub(crate) enum KeyAction {
     OptionalStop,
     /// Stops or starts the spindle.
     Spindle,
+    /// Lets the axes follow the spindle while it is turned by hand, or no longer.
+    FollowSpindle,
     /// Enters the length of a new tool.
     ToolLength,
     /// On-line mode.
@@ -341,6 +343,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('k')], "k", "recover", "back to the end of the cut, cutter on, and resume", RUN | RETRACE | WHEEL,
         KeyAction::Recover),
     row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: restart it", PAUSED, KeyAction::Spindle),
+    row(&[Key::Char('G')], "G", "by hand", "in a held thread: axes follow the spindle turned by hand", RUN | RETRACE,
+        KeyAction::FollowSpindle),
     row(&[Key::Char('M')], "M", "M1 stop", "optional stop (M1) on, off", SETUP | JOB, KeyAction::OptionalStop),
     row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED,
         KeyAction::ToolLength),

@@ -34,6 +34,7 @@ mod event_text;
 #[cfg(test)]
 mod fake_machine;
 mod files;
+mod geared_status;
 mod key_state;
 mod keys;
 mod layout;
@@ -46,6 +47,7 @@ mod preview;
 mod program_facts;
 mod program_outputs;
 mod screen;
+mod status_hint;
 mod status_line;
 mod trail;
 mod ui_command;

@@ -195,6 +195,8 @@ pub struct ScreenModel {
     pub feed_mm_min: f64,
     /// The spindle as the card measures it.
     pub spindle: SpindleStatus,
+    /// Whether the axes follow the spindle while it is turned by hand.
+    pub follows_spindle: bool,
     /// Requested feed override; 1 is 100 %.
     pub override_rate: f64,
     /// Rapid override; 1 is 100 %.
@@ -313,6 +315,7 @@ impl ScreenModel {
             rate: 0.0,
             feed_mm_min: 0.0,
             spindle: SpindleStatus::default(),
+            follows_spindle: false,
             override_rate: 1.0,
             rapid_override: 1.0,
             override_planned: 1.0,

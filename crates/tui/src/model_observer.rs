@@ -14,7 +14,7 @@ use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, RecordIndex};
 use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
-use retrace_link::{CutterOffCause, channel};
+use retrace_link::{CutterOffCause, GearState, channel};
 
 use crate::event_text;
 use crate::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
@@ -253,6 +253,7 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
     }
     model.layer = i64::from(period.layer);
     model.spindle = period.spindle;
+    model.follows_spindle &= period.spindle.gear == GearState::Engaged && period.hold_reason == HoldReason::Hold;
     let feed = step_mm / model.facts.period_s.max(1e-9) * 60.0;
     model.feed_mm_min += (feed - model.feed_mm_min) / FEED_PERIODS;
     if period.at_rest {
@@ -331,7 +332,7 @@ fn step_mm<const A: usize>(model: &ScreenModel, increments: &[i32; A]) -> f64 {
 fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> Option<Pause> {
     let mut keep = before;
     if let EventKind::CommandRejected(why) = &event.kind {
-        model.is_stopping = false;
+        (model.is_stopping, model.follows_spindle) = (false, false);
         model.reject(None, why.to_string(), "");
     }
     match &event.kind {
@@ -343,6 +344,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
             }
             match command {
                 OperatorCommand::Stop => model.is_stopping = true,
+                OperatorCommand::FollowSpindle(on) => model.follows_spindle = *on,
                 OperatorCommand::Recover => model.recovering = model.cut_end_line.is_some(),
                 // these take the machine elsewhere
                 OperatorCommand::Reverse(_)

@@ -5,7 +5,8 @@
 
 use crate::keys::{Key, KeyAction, Situation, TABLE};
 use crate::model::ScreenModel;
-use crate::status_line::{self, HintLevel};
+use crate::status_hint::HintLevel;
+use crate::status_line;
 
 /// Function of the operator, as a row of the key table.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use retrace_core::RecordIndex;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use retrace_config::{CutterConfig, MachineConfig, channel_name};
+use retrace_config::{CutterConfig, EncoderConfig, MachineConfig, channel_name};
 use retrace_controller::{ContourList, PlannedPath};
 use retrace_link::channel;
 
@@ -121,6 +121,8 @@ pub struct ProgramFacts {
     pub planned_path: Option<Arc<PlannedPath>>,
     /// Result of checking the program.
     pub check: ProgramCheck,
+    /// Encoder of the spindle.
+    pub encoder: Option<EncoderConfig>,
     /// Index of the axis whose layer is added to its path, on a machine that senses the sheet.
     pub layer_axis: Option<usize>,
     /// Tool table.
@@ -147,6 +149,7 @@ impl ProgramFacts {
         Self {
             machine: machine.name.clone(),
             axes: axes.collect(),
+            encoder: machine.encoder,
             period_s: machine.period_s(),
             program: Text::new(name, text),
             start_position_mm: machine.stands_at_mm.clone(),

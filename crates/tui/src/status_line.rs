@@ -5,41 +5,14 @@
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
-use retrace_link::GearState;
 
 use crate::cut_text::{confirmation_text, contours_text, interrupted_text};
 use crate::event_text::tool_change_text;
+use crate::geared_status;
 use crate::keys::KeyAction;
 use crate::model::{Pause, ScreenModel, ScreenStage};
 use crate::program_facts::ProgramCheck;
-
-/// Severity of a status.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum HintLevel {
-    /// Normal operation.
-    Normal,
-    /// Waits for the operator.
-    Waiting,
-    /// Alarm.
-    Alarm,
-}
-
-/// Status of the machine.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct StatusHint {
-    /// Status in a word or two.
-    pub status: &'static str,
-    /// Reason, in one line.
-    pub reason: String,
-    /// Severity.
-    pub level: HintLevel,
-    /// Actions that apply, the most useful first.
-    pub actions: Vec<KeyAction>,
-}
-
-fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, actions: &[KeyAction]) -> StatusHint {
-    StatusHint { status: word, reason: why.into(), level: grade, actions: actions.to_vec() }
-}
+use crate::status_hint::{HintLevel, StatusHint, hint};
 
 /// Returns the status of the machine.
 #[must_use]
@@ -74,11 +47,11 @@ pub(crate) fn of(model: &ScreenModel) -> StatusHint {
         ScreenStage::Job if model.is_stopping => {
             hint(HintLevel::Normal, "STOPPING", "the job is being stopped and recorded", &[KeyAction::Messages])
         }
-        ScreenStage::Job => match (model.pause, model.mode) {
+        ScreenStage::Job => geared_status::of(model).unwrap_or_else(|| match (model.pause, model.mode) {
             (Some(pause), _) => paused(model, pause),
             (None, Mode::Run) => normal(model),
             (None, mode) => retracing(model, mode),
-        },
+        }),
     }
 }
 
@@ -143,32 +116,7 @@ fn resuming(model: &ScreenModel) -> StatusHint {
     }
 }
 
-/// In a thread or a tap: the keys that have an effect there.
-fn geared(model: &ScreenModel) -> Option<StatusHint> {
-    let is_tap = model.switching.is_some();
-    let words = match (model.hold_reason, model.at_rest) {
-        _ if model.spindle.gear != GearState::Engaged => return None,
-        (HoldReason::None, _) => {
-            let what = if is_tap { "tapping: follows the spindle" } else { "in a thread: follows the spindle" };
-            return Some(hint(
-                HintLevel::Normal,
-                "RUNNING",
-                what,
-                &[KeyAction::Hold, KeyAction::Single, KeyAction::Quit],
-            ));
-        }
-        (HoldReason::Hold, false) if is_tap => ("STOPPING", "feed hold: the spindle stops, the tap rests in the hole"),
-        (HoldReason::Hold, false) => ("STOPPING", "feed hold: finishing the thread"),
-        (HoldReason::Hold, true) if is_tap => ("FEED HOLD", "the tap rests in the hole; cycle start goes on"),
-        _ => return None,
-    };
-    Some(hint(HintLevel::Waiting, words.0, words.1, &[KeyAction::CycleStart, KeyAction::Quit]))
-}
-
 fn normal(model: &ScreenModel) -> StatusHint {
-    if let Some(hint) = geared(model) {
-        return hint;
-    }
     let held = [
         KeyAction::CycleStart,
         KeyAction::Reverse,

@@ -427,6 +427,29 @@ fn no_key_is_offered_in_a_thread_that_is_refused_there() {
     }
 }
 
+/// Where the machine holds in the thread, the screen says so, and offers to reverse it and to turn the spindle by hand.
+#[test]
+fn a_thread_that_can_be_held_offers_reverse_and_the_spindle_by_hand() {
+    let spindle = "\n[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\nthread_hold = \"spindle\"\ntap_retrace = true\n";
+    let machine = MachineConfig::parse(spindle, "m").expect("valid");
+    let bench = ScreenFixture::of(&machine, "part.ngc", "M2\n");
+    let mut model = bench.picture();
+    (model.stage, model.switching) = (ScreenStage::Job, None);
+    model.spindle.gear = GearState::Engaged;
+    let held = HoldReason::Hold;
+    for (mode, hold_reason, at_rest, by_hand, words, keys) in [
+        (Mode::Run, HoldReason::None, false, false, "in a thread: follows the spindle", "r reverse"),
+        (Mode::Run, held, false, false, "the spindle stops, the tool rests in the thread", "r reverse"),
+        (Mode::Run, held, true, false, "the tool rests in the thread; cycle start goes on", "G by hand"),
+        (Mode::Run, held, true, true, "turn the spindle by hand: the axes follow it", "BY HAND"),
+        (Mode::Reverse, HoldReason::None, false, false, "the spindle turns back, and the tool with it", "f forward"),
+    ] {
+        (model.mode, model.hold_reason, model.at_rest, model.follows_spindle) = (mode, hold_reason, at_rest, by_hand);
+        let screen = text(&drawn(&model, &bench.key_state, 100, 30, 0));
+        assert!(screen.contains(words) && screen.contains(keys), "no `{words}`, `{keys}` in\n{screen}");
+    }
+}
+
 /// From hold to reverse run, handwheel and back: what a person reads and presses, and that the machine returns to the
 /// pulse.
 #[test]

@@ -57,6 +57,7 @@ mod stop_signals;
 mod streams;
 mod surface_speed;
 mod taps;
+mod thread_hold;
 mod threads;
 mod tip_up;
 mod tool_change;

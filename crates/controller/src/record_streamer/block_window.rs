@@ -19,9 +19,9 @@ pub(super) struct BlockWindow {
 
 impl<const A: usize> RecordStreamer<'_, A> {
     /// Place at which sending ahead ends, gates aside.
-    pub(super) fn send_end(&mut self, road: SendHorizon, reached: RecordIndex) -> RecordIndex {
-        if road == SendHorizon::Reached {
-            return reached;
+    pub(super) fn send_end(&mut self, horizon: SendHorizon) -> RecordIndex {
+        if let SendHorizon::Until(place) = horizon {
+            return place;
         }
         // Records behind this place may have items before them that are not received yet.
         let write = self.items_known_until;

@@ -42,6 +42,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             // The observers answer it.
             return Ok(());
         }
+        if let Some(taken) = self.apply_command_in_gear(command) {
+            return taken;
+        }
         self.end_test_pulse_by(command)?;
         if !matches!(command, OperatorCommand::CutFromHere(_) | OperatorCommand::CutAll | OperatorCommand::CutAsk) {
             // A refused *cut* is confirmed by the very next word only.
@@ -88,7 +91,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::SkipContour => return self.skip_contour(),
             // Handled above.
-            OperatorCommand::Contours => {}
+            OperatorCommand::Contours | OperatorCommand::FollowSpindle(_) => {}
             OperatorCommand::Single => self.toggle_single_block(),
             OperatorCommand::Hold => {
                 if self.restart.is_active() && self.cutter_states.contains(&CutterState::Sensing) {

@@ -65,7 +65,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// The outputs as they are to be compared with `wants`.
     pub(super) fn outputs_compared_with(&self, wants: &Outputs) -> Outputs {
-        self.manual_outputs.compared_with(&self.card.status().outputs, wants)
+        let outputs = self.manual_outputs.compared_with(&self.card.status().outputs, wants);
+        self.without_geared_spindle(outputs, wants)
     }
 
     /// Removes the changes that this status reports.

@@ -4,6 +4,7 @@
 //! mode's output, send the instruction that is due, slide the window, set the rate, let the period pass, account it.
 //! Nothing here waits for the planner except in virtual time, where waiting takes no time.
 
+mod alarms;
 mod arc_latch;
 mod back_target;
 mod commands;
@@ -14,6 +15,7 @@ mod cut_mapping;
 mod cutter_watch;
 mod direct_return;
 mod dnc_pause;
+mod geared;
 mod input_wait;
 mod job_phase;
 mod kerf_search;
@@ -41,7 +43,7 @@ use retrace_config::MachineConfig;
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice, Resuming};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Place, Rate, RateTarget, RecordIndex};
-use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, Outputs, channel};
+use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::cutter_state::CutterState;
@@ -57,6 +59,7 @@ use back_target::BackTarget;
 use contour_pass::ContourPass;
 use cut_map::CutMap;
 use direct_return::RetraceEstimate;
+use geared::GearedMotion;
 use input_wait::InputWait;
 use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
@@ -145,6 +148,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     tool_lift: ToolLift,
     /// Probing moves of the program.
     probing: ProgramProbing<A>,
+    /// Motion that follows the spindle.
+    geared: GearedMotion,
     /// Wait of the program for an input.
     input_wait: Option<InputWait>,
     /// Test pulse that is on.
@@ -209,6 +214,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             contour_pass: ContourPass::default(),
             tool_lift: ToolLift::default(),
             probing: ProgramProbing::new(machine),
+            geared: GearedMotion::default(),
             input_wait: None,
             test_pulse: None,
             wheel_was_behind: false,
@@ -302,16 +308,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         Ok(self.run())
     }
 
-    /// Ends the job with an error, which is reported unless an alarm was.
-    fn end_with_error(&mut self, error: CardError) -> Outcome {
-        let (number, cause, remedy) = error.parts();
-        if !self.alarm_reported {
-            let line = self.probing.line().unwrap_or_else(|| self.line_at_cursor(self.card.status()));
-            self.emit_at(line, EventKind::Alarm(error));
-        }
-        Outcome::Alarm(number, cause, remedy)
-    }
-
     /// Runs one control period. `Err` is a fault of the card.
     fn run_period(&mut self) -> Result<Option<Outcome>, CardError> {
         self.watch_pause()?;
@@ -344,27 +340,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.set_rate(demand);
         let status = *self.card.run_period()?;
+        self.watch_gear();
         self.account_period(&status);
         self.watch_outputs_at_end()?;
         Ok(self.alarm(&status))
-    }
-
-    /// Refuses motion with a collision input that is still active although its alarm was cleared. The card lets the
-    /// operator jog off it.
-    fn check_collision(&self) -> Result<(), CardError> {
-        let active = self.card.status().inputs & self.config.collision_inputs;
-        let alarm = Alarm::Collision { input: active.trailing_zeros() as u8 };
-        if active == 0 { Ok(()) } else { Err(CardError::Latched(alarm)) }
-    }
-
-    /// Handles a latched alarm: reported immediately; it ends the job when the machine is at rest.
-    fn alarm(&mut self, status: &CardStatus<A>) -> Option<Outcome> {
-        let alarm = status.alarm?;
-        if !self.alarm_reported {
-            self.emit(EventKind::Alarm(CardError::Latched(alarm)));
-            self.alarm_reported = true;
-        }
-        status.at_rest.then(|| self.end_with_error(CardError::Latched(alarm)))
     }
 
     /// Polls the planner. In virtual time the run must not depend on the planner's speed: this waits until enough is
@@ -431,9 +410,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.search_back();
         let (facts, mode) = (self.motion_facts(), self.mode_controller.mode());
-        let mut demand = self.mode_controller.advance_period(&facts);
+        let demand = self.mode_controller.advance_period(&facts);
+        let mut demand = self.in_gear(demand);
         // An instruction in progress is completed before a pause.
-        let pauses = self.dnc.is_pausing() && self.executing.is_none();
+        let pauses = self.dnc.is_pausing() && self.executing.is_none() && !self.is_engaged();
         // The program stands; whoever retraces meanwhile comes back to where it does.
         let stops = mode == Mode::Run && (self.program_stop == ProgramStop::Waiting || self.single_stop);
         let leaves_run = !self.has_left_run();

@@ -96,6 +96,17 @@ impl<const A: usize> ProgramProbing<A> {
         self.turned > 0 || status.spindle.gear == GearState::Engaged
     }
 
+    /// Whether the tap in progress has turned at its depth.
+    pub(super) fn has_tap_turned(&self) -> bool {
+        let Some(CurrentProbing { question: OffPathMove::Tap(question), .. }) = self.current else { return true };
+        matches!(question.gear.control, SpindleControl::Tap(turn) if self.turned >= turn)
+    }
+
+    /// The tap in progress is out of its hole again, where it began.
+    pub(super) const fn forget_tap_begun(&mut self) {
+        self.turned = 0;
+    }
+
     /// Program line of the move in progress.
     pub(super) fn line(&self) -> Option<u32> {
         self.current.as_ref().map(|current| current.line)
@@ -172,6 +183,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let is_held = self.mode_controller.is_held();
         let is_stopping = self.phase.is_stopping();
         let has_begun = self.probing.has_begun(self.card.status());
+        let is_reversed = self.geared.reverses_tap();
         if let (Some(current), Some(hand)) = (&mut self.probing.current, &mut self.dnc.jog_planner)
             && let Some(trip) = &mut current.trip
         {
@@ -181,6 +193,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             let comes_out = is_tap && has_begun && !trip.is_held();
             if !(is_stopping && comes_out) {
                 trip.hold(is_held);
+                trip.reverse(is_reversed);
                 if is_stopping {
                     trip.stop();
                 }
@@ -204,6 +217,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.rejoin_behind_probing()?;
         }
         let status = *self.card.run_period()?;
+        self.watch_gear();
         match self.probing.current.as_ref().filter(|current| current.trip.is_some()) {
             Some(CurrentProbing { question: OffPathMove::Tap(_), trip: Some(trip), .. }) => {
                 let records = trip.start().records_to(status.place.record);

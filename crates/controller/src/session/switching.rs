@@ -6,7 +6,7 @@
 use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
 use retrace_link::{
-    CardStatus, CommandRefusal, HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel,
+    CardStatus, CommandRefusal, HostCommand, Instruction, LayerMove, MotionCard, OutputChange, SpindleTask, channel,
 };
 
 use super::probing::OffPathMove;
@@ -99,6 +99,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                     remedy: "the machine is at the position that the card reports; check the card, then resume".into(),
                 });
             }
+        }
+        if let Some(SpindleTask::Gear(start)) = &spindle {
+            self.geared.enter(place, start);
         }
         self.program_stop = ProgramStop::No;
         self.streamer.mark_sent();

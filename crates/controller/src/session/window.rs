@@ -42,12 +42,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.streamer.cut_change_before(status.place, self.passed_boundary)
     }
 
-    /// Slides the window. In a mode that retraces, the window is cut at `reached` and at the oldest place before
-    /// anything moves. A card at the end of a serial line may need the command more than once.
+    /// Slides the window. In a mode that retraces, the window is cut at the furthest place, or at the end of the
+    /// thread around it, and at the oldest place before anything moves. A card at the end of a serial line may need the
+    /// command more than once.
     pub(super) fn slide_window(&mut self, demand: ModeOutput) {
-        let road = if demand.look_ahead { SendHorizon::LookAhead } else { SendHorizon::Reached };
-        if road == SendHorizon::Reached {
-            let CardStatus { reached, low, high, .. } = *self.card.status();
+        let CardStatus { reached, low, high, .. } = *self.card.status();
+        let reached = self.geared.end_of_retrace(reached);
+        let horizon = if demand.look_ahead { SendHorizon::LookAhead } else { SendHorizon::Until(reached) };
+        if !demand.look_ahead {
             let oldest = self.oldest();
             self.window_is_trimmed = !reached.is_before(high);
             if reached.is_before(high) {
@@ -66,7 +68,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let oldest = self.oldest();
             self.streamer.fill_behind(&mut self.card, oldest);
         } else {
-            self.streamer.fill_ahead(&mut self.card, road);
+            self.streamer.fill_ahead(&mut self.card, horizon);
         }
     }
 

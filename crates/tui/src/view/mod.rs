@@ -20,7 +20,8 @@ use crate::keys::{self, KeyAction};
 use crate::layout::{self, MIN_SIZE};
 use crate::model::{ScreenModel, ScreenStage};
 use crate::program_facts::Planned;
-use crate::status_line::{self, HintLevel, StatusHint};
+use crate::status_hint::{HintLevel, StatusHint};
+use crate::status_line;
 
 /// Styles of the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

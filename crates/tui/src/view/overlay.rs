@@ -15,7 +15,8 @@ use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel};
 use crate::pending_question::PendingQuestion;
 use crate::program_facts::ToolFacts;
-use crate::status_line::{self, HintLevel, StatusHint};
+use crate::status_hint::{HintLevel, StatusHint};
+use crate::status_line;
 
 /// Draws the dialog that is open, if any.
 pub(super) fn draw(
