@@ -34,7 +34,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "operator",
         purpose: "whatever an operator does, the job ends exactly and within the limits",
-        test: ["retrace-tests", "operator", "whatever_the_operator_does_the_job_ends_exactly"],
+        test: ["retrace-tests", "campaigns", "operator::whatever_the_operator_does_the_job_ends_exactly"],
         asked: END_TO_END,
         full: 3000,
         slice: 24,
@@ -42,7 +42,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "program",
         purpose: "any program ends exactly and within the limits",
-        test: ["retrace-tests", "any_program", "any_program_ends_exactly_and_within_the_limits"],
+        test: ["retrace-tests", "campaigns", "any_program::any_program_ends_exactly_and_within_the_limits"],
         asked: END_TO_END,
         full: 3000,
         slice: 24,
@@ -66,6 +66,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         asked: END_TO_END,
         full: 200_000,
         slice: 2000,
+    },
+    Campaign {
+        name: "motion",
+        purpose: "any path in any mode at any override: the limits, the ends, the tolerance, the optimum of corners",
+        test: ["retrace-motion", "testsuite", ""],
+        asked: END_TO_END,
+        full: 1000,
+        slice: 40,
     },
     Campaign {
         name: "line",
@@ -98,7 +106,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "drip",
         purpose: "a program from a socket that stalls, is cut and reconnects: bounded memory, exact counts, pauses \
             resumed exactly",
-        test: ["retrace-tests", "drip", ""],
+        test: ["retrace-tests", "campaigns", "drip::"],
         asked: BY_SEED,
         full: 1_000_000,
         slice: 100_000,
@@ -116,7 +124,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "kill",
         purpose: "a host killed at any moment of a job: resumed, the job ends exactly, every instruction once, or is \
             refused with the reason",
-        test: ["retrace-tests", "kill", ""],
+        test: ["retrace-tests", "campaigns", "kill::"],
         asked: BY_SEED,
         full: 1000,
         slice: 30,
@@ -133,7 +141,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "kill-probing",
         purpose: "a host killed at any moments of a job that probes: resumed, it ends exactly, with the same points, \
             and no answer in its journal twice",
-        test: ["retrace-tests", "kill_probing", ""],
+        test: ["retrace-tests", "campaigns", "kill_probing::"],
         asked: BY_SEED,
         full: 200,
         slice: 10,
@@ -142,7 +150,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "off",
         purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the \
             cutter is off outside of a cut",
-        test: ["retrace-tests", "off", ""],
+        test: ["retrace-tests", "campaigns", "off::"],
         asked: BY_SEED,
         full: 2000,
         slice: 30,
@@ -151,7 +159,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "recovery",
         purpose: "cuts that are lost, held and put out at random and recovered: the sheet and every count are those of \
             the job that was not interrupted",
-        test: ["retrace-tests", "recovery", ""],
+        test: ["retrace-tests", "campaigns", "recovery::"],
         asked: BY_SEED,
         full: 1000,
         slice: 8,
@@ -160,7 +168,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "cut-day",
         purpose: "a day of cutting, 20 000 pierces with failed starts, losses and chatter: all is cut, memory does not \
             grow",
-        test: ["retrace-tests", "cut_day", ""],
+        test: ["retrace-tests", "campaigns", "cut_day::"],
         asked: BY_SEED,
         full: 20_000,
         slice: 150,
@@ -169,7 +177,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "power-cuts",
         purpose: "power failures in a cut, host and card gone and the tail of the journal missing: the end of the cut \
             is known within a second, and the part is whole",
-        test: ["retrace-tests", "power_cuts", ""],
+        test: ["retrace-tests", "campaigns", "power_cuts::"],
         asked: BY_SEED,
         full: 120,
         slice: 12,
@@ -178,7 +186,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "cut-ends",
         purpose: "jobs on a torch that end in twelve ways at any moment, each: the torch is off behind the end, or \
             within the watchdog where the host or the line is gone",
-        test: ["retrace-tests", "cut_ends", ""],
+        test: ["retrace-tests", "campaigns", "cut_ends::"],
         asked: BY_SEED,
         full: 100,
         slice: 1,
@@ -187,7 +195,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "starts",
         purpose: "cutters whose attempts fail with a probability: three attempts at most, as many starts without an \
             arc as the cube of it, and no feed before a start is complete",
-        test: ["retrace-tests", "cut_cycle", "starts_are_repeated_three_times_and_nothing_is_fed_before"],
+        test: ["retrace-tests", "campaigns", "cut_cycle::starts_are_repeated_three_times_and_nothing_is_fed_before"],
         asked: BY_SEED,
         full: 10_000,
         slice: 400,
@@ -195,7 +203,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "losses",
         purpose: "cuts that are lost at any place: the place that is told is that of the loss, within a record",
-        test: ["retrace-tests", "cut_cycle", "a_loss_is_told_where_it_happened"],
+        test: ["retrace-tests", "campaigns", "cut_cycle::a_loss_is_told_where_it_happened"],
         asked: BY_SEED,
         full: 10_000,
         slice: 200,
@@ -203,7 +211,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "jets",
         purpose: "jets with any delay, lag and purge: the abrasive never without water, and off at its lag",
-        test: ["retrace-tests", "cut_cycle", "the_abrasive_follows_the_water_and_ends_before_it"],
+        test: ["retrace-tests", "campaigns", "cut_cycle::the_abrasive_follows_the_water_and_ends_before_it"],
         asked: BY_SEED,
         full: 1000,
         slice: 100,
@@ -211,7 +219,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "cut",
         purpose: "a journal cut at every write and every byte of its last records: the job is resumed and ends exactly",
-        test: ["retrace-tests", "cut", ""],
+        test: ["retrace-tests", "campaigns", "cut::"],
         asked: BY_SEED,
         full: 1000,
         slice: 20,

@@ -4,6 +4,7 @@
 #[allow(dead_code, unreachable_pub)] // the bench uses the rest
 mod oracle;
 
+use crate::cases::cases;
 use oracle::{Allowed, Legs, Optimum};
 use proptest::prelude::*;
 use retrace_core::Flags;
@@ -63,7 +64,7 @@ fn short_legs_are_never_slower_than_stopping() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
+    #![proptest_config(ProptestConfig::with_cases(cases(200)))]
 
     #[test]
     fn no_corner_is_slower_than_stopping(

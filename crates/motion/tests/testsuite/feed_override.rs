@@ -1,5 +1,6 @@
 //! The feed override above 100 %: it changes when the machine is where, and never the path.
 
+use crate::cases::cases;
 use crate::common;
 
 use common::*;
@@ -71,7 +72,7 @@ fn stops(run: &Run) -> Vec<([i64; 3], u32)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(cases(40)))]
 
     #[test]
     fn whatever_the_override_does_everything_is_kept(

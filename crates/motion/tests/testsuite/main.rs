@@ -1,5 +1,6 @@
 //! The integration tests of `retrace-motion`, in one binary, which links once.
 
+mod cases;
 mod common;
 mod corners;
 mod feed_override;

@@ -1,5 +1,6 @@
 //! Properties of whole plans, checked on the emitted records.
 
+use crate::cases::cases;
 use crate::common;
 
 use common::*;
@@ -29,7 +30,7 @@ pub(crate) fn mode() -> impl Strategy<Value = PathMode> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(cases(40)))]
 
     #[test]
     fn limits_ends_and_paths_are_kept(
@@ -100,7 +101,7 @@ pub(crate) fn wandering(seed: u32, size: f64, wander: f64, mode: PathMode) -> Ve
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(ProptestConfig::with_cases(cases(16)))]
 
     /// Long chains of short lines, some nearly straight, some rough: re-planned and cut many times.
     #[test]

@@ -1,5 +1,6 @@
 //! Plans that are made faster up to the exact limits of the axes (`PlanMode::Best`).
 
+use crate::cases::cases;
 use crate::common;
 use crate::look_ahead::{Numbers, spiral};
 use crate::plan::{mode, wandering};
@@ -13,7 +14,7 @@ fn tolerance_of(mode: PathMode) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
+    #![proptest_config(ProptestConfig::with_cases(cases(40)))]
 
     /// Lines, arcs and curves: the limits, the ends and the path are kept, the records do not depend on when they are
     /// asked for, and the program is no slower.

@@ -1,5 +1,6 @@
 //! The source's own glide: it may be slower than the optimum, but every limit and the tolerance hold.
 
+use crate::cases::cases;
 use crate::common;
 
 use common::*;
@@ -16,7 +17,7 @@ fn ratio_of() -> impl Strategy<Value = RatioOf> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(cases(40)))]
 
     #[test]
     fn limits_ends_and_paths_are_kept(

@@ -248,10 +248,24 @@ fn a_recovery_that_asks_switches_nothing_before_it_is_agreed_to() {
     job.assert_safe();
 }
 
-/// Whenever a hold, *cutter off* or a stop comes behind a word that is to light the torch, even in the same control
-/// period, the torch is lit by a new word only.
 #[test]
 fn what_an_operator_has_held_lights_nothing_any_more() {
+    assert_nothing_is_lit_behind("hold", OperatorCommand::Hold);
+}
+
+#[test]
+fn what_an_operator_has_switched_off_is_not_lit_any_more() {
+    assert_nothing_is_lit_behind("cutter off", OperatorCommand::CutterOff);
+}
+
+#[test]
+fn what_an_operator_has_stopped_lights_nothing_any_more() {
+    assert_nothing_is_lit_behind("stop", OperatorCommand::Stop);
+}
+
+/// Whenever a hold, *cutter off* or a stop comes behind a word that is to light the torch, even in the same control
+/// period, the torch is lit by a new word only.
+fn assert_nothing_is_lit_behind(word: &str, command: OperatorCommand) {
     let starts = [
         "at 3s recover\n",
         "at 3s back to cut end\nafter 2s cut\n",
@@ -265,21 +279,15 @@ fn what_an_operator_has_held_lights_nothing_any_more() {
     ];
     let mut lit_again = Vec::new();
     for start in starts {
-        for (word, command) in [
-            ("hold", OperatorCommand::Hold),
-            ("cutter off", OperatorCommand::CutterOff),
-            ("stop", OperatorCommand::Stop),
-        ] {
-            for delay_ms in [0, 1, 2, 3, 5, 10, 50, 150, 250, 400, 600, 900, 1300, 2000] {
-                let script = format!("{start}after {:.3}s {word}\n", f64::from(delay_ms) / 1000.0);
-                let job = run(&machine(), PROGRAM, "lose@20", &script);
-                let given = job.events.iter().rfind(|event| event.kind == EventKind::Operator(command));
-                let given = given.unwrap_or_else(|| panic!("{script}: {:?}", job.rejections())).period;
-                let behind = job.periods.iter().zip(&job.lit).skip_while(|(period, _)| period.period <= given);
-                let lit: Vec<bool> = behind.map(|(_, &lit)| lit).collect();
-                if lit.windows(2).any(|pair| !pair[0] && pair[1]) {
-                    lit_again.push(script);
-                }
+        for delay_ms in [0, 1, 2, 3, 5, 10, 50, 150, 250, 400, 600, 900, 1300, 2000] {
+            let script = format!("{start}after {:.3}s {word}\n", f64::from(delay_ms) / 1000.0);
+            let job = run(&machine(), PROGRAM, "lose@20", &script);
+            let given = job.events.iter().rfind(|event| event.kind == EventKind::Operator(command));
+            let given = given.unwrap_or_else(|| panic!("{script}: {:?}", job.rejections())).period;
+            let behind = job.periods.iter().zip(&job.lit).skip_while(|(period, _)| period.period <= given);
+            let lit: Vec<bool> = behind.map(|(_, &lit)| lit).collect();
+            if lit.windows(2).any(|pair| !pair[0] && pair[1]) {
+                lit_again.push(script);
             }
         }
     }
