@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use retrace_core::{Flags, Record};
 
 use crate::blend::{Blender, Junction, PathSegment};
+use crate::curve::Curve;
 use crate::emitter::{Emitter, PlanItem, SetPoint};
 use crate::glide::glide_cache::GlideCache;
 use crate::glide::glide_segment::GlideSegment;
@@ -289,11 +290,16 @@ impl<const A: usize> PathPlanner<A> {
         self.flush_pieces(true);
         let (piece, reached) = self.run.finish_moving(KinematicState::moving(out.v, -out.a), &mut self.emitter);
         if !reached {
-            // At rest a little before the corner; the remaining distance is a move of its own.
+            // At rest a little before the corner, or beyond a sharp one, over which glides swing out. The rest of the
+            // way, there or back, is a move of its own.
             let from = last.length - out.s;
-            self.emitter.commit(PlanItem::Stop { piece, end: last.curve.at(from), flags: Flags::NONE, tag });
-            let rest = PathSegment { curve: last.curve.from(from), length: out.s, tag, marks: 0, ..*last };
-            self.blender.push(rest, Junction::Kink(PieceJunction::STOP), &[]);
+            let end = last.curve.at(from);
+            self.emitter.commit(PlanItem::Stop { piece, end, flags: Flags::NONE, tag });
+            let (curve, length) = if out.s > 0.0 { (last.curve.from(from), out.s) } else { Curve::line(end, *start) };
+            if length > 0.0 {
+                let rest = PathSegment { curve, length, tag, marks: 0, ..*last };
+                self.blender.push(rest, Junction::Kink(PieceJunction::STOP), &[]);
+            }
             self.come_to_rest(*start, tag, Flags::REST);
             return false;
         }

@@ -6,7 +6,7 @@ use crate::common;
 use common::*;
 use proptest::prelude::*;
 use retrace_core::{Flags, RapidCap, Record};
-use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
+use retrace_motion::{FeedRate, MachineLimits, PathMode, PlanMode, Planner};
 
 #[test]
 fn moves_that_cannot_be_are_refused_by_number() {
@@ -18,6 +18,44 @@ fn moves_that_cannot_be_are_refused_by_number() {
     assert_eq!(number(1e7, FeedRate::Rapid), "E4001");
     assert_eq!(number(1.0, FeedRate::PerSecond(0.0)), "E4002");
     assert_eq!(number(1.0, FeedRate::Duration(f64::INFINITY)), "E4002");
+}
+
+/// A glide over a corner that nearly reverses begins beyond the corner. Where the motion before it cannot be brought
+/// into it, the machine comes to rest there and goes back to the corner: it does not jump there.
+#[test]
+fn a_glide_that_begins_beyond_its_corner_and_is_not_reached_is_a_stop() {
+    // Kind, logarithm of the length, turn and bend.
+    let steps: Vec<Step> = [
+        (0, 0.0, -0.429_396_000_568_669_44, 0.0),
+        (5, 0.0, 0.0, -2.838_312_285_263_04),
+        (0, 0.0, 0.0, 0.0),
+        (5, 0.0, 0.014_556_635_261_716_563, 0.720_163_420_851_996_7),
+        (5, 0.0, 0.012_303_953_699_394_979, 0.734_100_317_010_307_2),
+        (0, 0.0, 0.0, 0.0),
+        (0, 0.0, -1.851_780_754_220_106_6, 0.0),
+        (0, 0.0, -0.442_128_768_124_062, 0.0),
+        (0, -0.996_298_116_134_134_3, 1.570_796_326_794_896_6, 0.0),
+        (0, -1.729_329_422_774_750_9, 0.0, 0.0),
+        (3, 0.0, 3.075_422_616_350_019_6, 0.0),
+    ]
+    .into_iter()
+    .map(|(kind, size, turn, bend)| Step { kind, size, turn, bend, rise: 0.0, feed: 0.0, stop: false })
+    .collect();
+    let tolerance_mm = 0.121_026_068_655_943_74;
+    let moves = program(&steps, PathMode::blend(tolerance_mm));
+    let power = |x: [f64; 3]| x.map(|x| 10f64.powf(x));
+    let limits = MachineLimits {
+        velocity_mm_s: power([0.5; 3]),
+        acceleration_mm_s2: power([3.274_296_730_932_639, 1.733_645_970_069_209, 1.0]),
+        jerk_mm_s3: power([4.258_323_912_879_976, 5.225_213_084_606_006, 2.0]),
+        pulses_per_mm: power([2.257_462_014_307_688, 2.257_462_014_307_688, 1.957_462_014_307_688]),
+        path_velocity_mm_s: 10f64.powf(1.151_271_802_181_120_8),
+        reserve: 0.0,
+        period_s: 0.0002,
+        feed_shares: false,
+    };
+    let run = play_in(PlanMode::Fast, limits, &moves, usize::MAX);
+    assert_eq!(check(&limits, &moves, &run, tolerance_mm, 40), Ok(()));
 }
 
 pub(crate) fn mode() -> impl Strategy<Value = PathMode> {
