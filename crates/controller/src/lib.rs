@@ -100,7 +100,7 @@ pub use journal_recorder::JournalRecorder;
 pub use lead_arc::LeadArcError;
 pub use limit_check::LimitCheck;
 pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};
-pub use manual::{FrameRectangle, ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
+pub use manual::{FrameRectangle, ManualTask, ManualTaskDone, ManualTaskError, SheetEdge, perform_manual_task};
 pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;

@@ -172,6 +172,21 @@ export class ActionTable {
     this.orders.send(this.store.state.pause?.stopped ? 'spindle start' : 'spindle stop');
   }
 
+  performSheetEdge() {
+    const sheet = this.store.state.sheet;
+    if (!sheet || sheet.points < 2) return this.orders.send('sheet point');
+    openDialog({
+      key: 'sheet',
+      title: 'The edge of the sheet',
+      content: [element('p', { text: sheet.text })],
+      choices: [
+        { label: 'Cancel' },
+        { label: 'Forget both points', run: () => this.orders.send('sheet forget') },
+        { label: 'Set zero and direction', main: true, run: () => this.orders.send('sheet align') },
+      ],
+    });
+  }
+
   performFollowSpindle() {
     this.orders.send(this.store.live?.gear === 'by_hand' ? 'follow off' : 'follow spindle');
   }

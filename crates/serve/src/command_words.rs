@@ -52,6 +52,9 @@ pub(crate) fn parse(words: &str, model: &ScreenModel) -> Result<Order, NumberedE
         ("zero", "" | "all") => task(ManualTask::WorkZero(None)),
         ("zero", letter) => task(ManualTask::WorkZero(Some(axis(letter, model)?))),
         ("frame", "") => command(UiCommand::Frame),
+        ("sheet", "point") => command(UiCommand::SheetPoint),
+        ("sheet", "align") => command(UiCommand::AlignSheet),
+        ("sheet", "forget") => command(UiCommand::ForgetSheet),
         ("dry", "run on") => command(UiCommand::DryRun(true)),
         ("dry", "run off") => command(UiCommand::DryRun(false)),
         ("reset", "") if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => command(UiCommand::CloseRefusal),
@@ -93,6 +96,8 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
     !matches!(
         command,
         UiCommand::CutterOff
+            | UiCommand::SheetPoint
+            | UiCommand::ForgetSheet
             | UiCommand::Turn(_)
             | UiCommand::OptionalStop(_)
             | UiCommand::Answer(false)
@@ -146,6 +151,8 @@ mod tests {
         assert_eq!(parsed("zero", &setup), command(UiCommand::Task(ManualTask::WorkZero(None))));
         assert_eq!(parsed("home Z", &setup), command(UiCommand::Task(ManualTask::Home(Some('z')))));
         assert_eq!(parsed("frame", &setup), command(UiCommand::Frame));
+        assert_eq!(parsed("sheet point", &setup), command(UiCommand::SheetPoint));
+        assert_eq!(parsed("sheet align", &setup), command(UiCommand::AlignSheet));
         assert_eq!(parsed("start line 120", &setup), command(UiCommand::StartLine(120)));
         assert_eq!(parsed("open part 2.ngc", &setup), Order::Open("part 2.ngc".into()));
         assert_eq!(parsed("resume job 2026-1", &setup), Order::Resume("2026-1".into()));

@@ -252,6 +252,9 @@ impl OperatorDesk {
             }
             UiCommand::Task(_)
             | UiCommand::Frame
+            | UiCommand::SheetPoint
+            | UiCommand::AlignSheet
+            | UiCommand::ForgetSheet
             | UiCommand::DryRun(_)
             | UiCommand::SetTables(_)
             | UiCommand::StartContour(_)

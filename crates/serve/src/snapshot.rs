@@ -37,6 +37,8 @@ pub(crate) struct StateView {
     single: bool,
     optional_stop: bool,
     dry_run: bool,
+    /// Points on the edge of the sheet, where any is taken.
+    sheet: Option<SheetView>,
     #[serde(rename = "override")]
     feed_override: f64,
     rapid_override: f64,
@@ -108,6 +110,16 @@ struct AlarmView {
     cause: String,
     remedy: String,
     is_refusal: bool,
+}
+
+/// Points on the edge of the sheet.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+struct SheetView {
+    /// 1, or 2 that are an edge.
+    points: usize,
+    /// What they would set, or what comes next.
+    text: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -271,6 +283,8 @@ impl StateView {
             homing: model.homing.iter().map(|&homing| homing_name(homing)).collect(),
             single: model.single,
             optional_stop: model.optional_stop,
+            sheet: (!model.sheet_points.is_empty())
+                .then(|| SheetView { points: model.sheet_points.len(), text: retrace_tui::sheet_text(model) }),
             dry_run: model.dry_run,
             feed_override: rounded(model.override_rate, 1e4),
             rapid_override: rounded(model.rapid_override, 1e4),

@@ -155,6 +155,9 @@ impl FakeMachine {
             | UiCommand::OptionalStop(_)
             | UiCommand::SetUp
             | UiCommand::Frame
+            | UiCommand::SheetPoint
+            | UiCommand::AlignSheet
+            | UiCommand::ForgetSheet
             | UiCommand::Load(_)
             | UiCommand::Answer(_)
             | UiCommand::CloseRefusal

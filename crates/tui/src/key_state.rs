@@ -3,7 +3,7 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
-use retrace_controller::{CutStart, EnteredLength, LeadShape, ManualTask, OperatorCommand};
+use retrace_controller::{CutStart, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
@@ -13,6 +13,7 @@ use crate::files;
 use crate::keys::{self, Key, KeyAction, Situation};
 use crate::model::{ScreenModel, ScreenStage};
 use crate::pending_question::PendingQuestion;
+use crate::prompt_answer::answer;
 use crate::ui_command::UiCommand;
 
 /// Dialog over the screen.
@@ -210,6 +211,7 @@ impl KeyState {
                 PendingQuestion::Mdi
                 | PendingQuestion::Probe
                 | PendingQuestion::WorkZero
+                | PendingQuestion::AlignSheet
                 | PendingQuestion::StartContour(_),
                 ..,
             ) if is_job => &OpenDialog::Nothing,
@@ -314,6 +316,7 @@ impl KeyState {
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
             KeyAction::Frame => return Some(UiCommand::Frame),
+            KeyAction::SheetEdge if model.sheet_points.len() < 2 => return Some(UiCommand::SheetPoint),
             KeyAction::DryRun => {
                 return Some(UiCommand::DryRun(!model.dry_run));
             }
@@ -336,6 +339,7 @@ impl KeyState {
             KeyAction::Mdi => ask(PendingQuestion::Mdi, ""),
             KeyAction::Probe => ask(PendingQuestion::Probe, ""),
             KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
+            KeyAction::SheetEdge => ask(PendingQuestion::AlignSheet, ""),
             KeyAction::ToolLength => ask(PendingQuestion::ToolLength, ""),
             KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
             KeyAction::TestPulse => ask(PendingQuestion::TestPulse, ""),
@@ -489,6 +493,8 @@ impl KeyState {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
             (PendingQuestion::TestPulse, Key::Char('y')) => answer(PendingQuestion::TestPulse, "", model),
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
+            (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
+            (PendingQuestion::AlignSheet, _) => Ok(UiCommand::ForgetSheet),
             (PendingQuestion::Stop | PendingQuestion::TestPulse | PendingQuestion::StartContour(_), _)
             | (_, Key::Esc | Key::Interrupt) => {
                 self.open = OpenDialog::Nothing;
@@ -530,71 +536,4 @@ impl KeyState {
             }
         }
     }
-}
-
-/// Command of a prompt's answer, or the error in it.
-fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
-    match ask {
-        PendingQuestion::BackBy if text.starts_with('c') => match text[1..].trim().parse::<u32>() {
-            Ok(number @ 1..) => Ok(UiCommand::Job(OperatorCommand::BackToContour(number))),
-            _ => Err("enter the number of a contour, such as c3".into()),
-        },
-        PendingQuestion::BackBy => match text.parse::<f64>() {
-            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Job(OperatorCommand::BackBy(mm))),
-            _ => Err("enter a distance above 0 mm, such as 20, or a contour, such as c3".into()),
-        },
-        PendingQuestion::Shift if text == "arc" => Ok(UiCommand::Job(OperatorCommand::Lead(LeadShape::Arc))),
-        PendingQuestion::Shift if text == "line" => Ok(UiCommand::Job(OperatorCommand::Lead(LeadShape::Line))),
-        PendingQuestion::Shift => text.parse().map(|shift| UiCommand::Job(OperatorCommand::Shift(shift))),
-        PendingQuestion::Output => output(text, model),
-        PendingQuestion::Mdi if text.is_empty() => Err("enter a block such as G0 X10".into()),
-        PendingQuestion::Mdi => Ok(UiCommand::Task(ManualTask::Mdi(text.into()))),
-        PendingQuestion::Probe => ManualTask::probing_cycle(text).map(UiCommand::Task),
-        PendingQuestion::WorkZero => {
-            let lower = text.to_ascii_lowercase();
-            let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());
-            match (lower.as_str(), axis) {
-                ("all", _) => Ok(UiCommand::Task(ManualTask::WorkZero(None))),
-                (_, Some(axis)) => Ok(UiCommand::Task(ManualTask::WorkZero(Some(axis.letter)))),
-                _ => Err("enter all or an axis letter".into()),
-            }
-        }
-        // With a sign it is the difference to the old tool.
-        PendingQuestion::ToolLength => match text.parse::<f64>() {
-            Ok(mm) if mm.abs() <= 10_000.0 && text.starts_with(['+', '-']) => Ok(tool_length(EnteredLength::By(mm))),
-            Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
-            _ => Err("enter a length in mm such as 84.2, or a difference such as +0.35".into()),
-        },
-        PendingQuestion::Stop => Ok(UiCommand::Job(OperatorCommand::Stop)),
-        PendingQuestion::TestPulse if model.stage == ScreenStage::Job => Ok(UiCommand::Job(OperatorCommand::TestPulse)),
-        PendingQuestion::TestPulse if !model.homed => Err("home the machine first".into()),
-        PendingQuestion::TestPulse => Ok(UiCommand::Task(ManualTask::TestPulse)),
-        PendingQuestion::StartContour(number) => Ok(UiCommand::StartContour(number)),
-        PendingQuestion::Program if text.is_empty() => Err("enter the path of a program file".into()),
-        PendingQuestion::Program => Ok(UiCommand::Load(files::expanded(text))),
-    }
-}
-
-fn tool_length(length: EnteredLength) -> UiCommand {
-    UiCommand::Job(OperatorCommand::ToolLength(length))
-}
-
-/// Parses an output command: `3+` switches output 3 on, `3-` off; a name may replace the number. Without a sign the
-/// output is toggled, unless it fires a cutter.
-fn output(text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
-    let name = text.trim_end_matches(['+', '-']);
-    let Some(number) = model.facts.output_named(name) else {
-        return Err("enter a number from 0 to 63 or a name, then + or -: 3+, 3-".into());
-    };
-    let on = match &text[name.len()..] {
-        "" if model.facts.is_of_cutter(number) => return Err("add + for on or - for off".into()),
-        "" => model.output(number) == 0,
-        "+" => true,
-        "-" => false,
-        _ => return Err("add + for on or - for off".into()),
-    };
-    Ok(match model.stage {
-        ScreenStage::Job => UiCommand::Job(OperatorCommand::Output { number, on }),
-        _ => UiCommand::Task(ManualTask::Output(number, i32::from(on))),
-    })
 }

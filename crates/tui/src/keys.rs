@@ -109,6 +109,8 @@ pub(crate) enum KeyAction {
     TestPulse,
     /// Traces the rectangle around what the program cuts.
     Frame,
+    /// Takes a point on the edge of the sheet; behind the second one, sets the work coordinates by them.
+    SheetEdge,
     /// Restores the outputs, the cutter last, and resumes.
     Recover,
     /// Passes the rest of the contour with the cutter off.
@@ -361,6 +363,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('m')], "m", "MDI", "execute one MDI block", SETUP, KeyAction::Mdi),
     row(&[Key::Char('P')], "P", "probe", "probe a surface, an edge, a corner, a bore, a tool", SETUP, KeyAction::Probe),
     row(&[Key::Char('z')], "z", "zero", "set the work zero here: one axis or all", SETUP, KeyAction::WorkZero),
+    row(&[Key::Char('E')], "E", "sheet", "two points on the edge of the sheet: zero and direction", SETUP,
+        KeyAction::SheetEdge),
     row(&[Key::Char('F')], "F", "frame", "trace the frame of what is cut, with the pointer", SETUP,
         KeyAction::Frame),
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),

@@ -177,6 +177,8 @@ pub struct ScreenModel {
     pub layer: i64,
     /// Machine position of the work zero, mm (degrees).
     pub work_zero_mm: Vec<f64>,
+    /// Angle by which work X and Y are turned from those of the machine, degrees counter-clockwise.
+    pub work_rotation_deg: f64,
     /// Offset of the path along each axis from tool lengths that were entered, mm.
     pub moved_mm: Vec<f64>,
     /// Place of the cursor.
@@ -195,6 +197,8 @@ pub struct ScreenModel {
     pub feed_mm_min: f64,
     /// The spindle as the card measures it.
     pub spindle: SpindleStatus,
+    /// Points on the edge of the sheet, in mm of the machine's X and Y: none, one, or two that are an edge.
+    pub sheet_points: Vec<[f64; 2]>,
     /// Whether the axes follow the spindle while it is turned by hand.
     pub follows_spindle: bool,
     /// Requested feed override; 1 is 100 %.
@@ -306,6 +310,7 @@ impl ScreenModel {
             counts: vec![0; axes],
             layer: 0,
             work_zero_mm: vec![0.0; axes],
+            work_rotation_deg: 0.0,
             moved_mm: vec![0.0; axes],
             place: Place::start_of(first),
             reached: first,
@@ -315,6 +320,7 @@ impl ScreenModel {
             rate: 0.0,
             feed_mm_min: 0.0,
             spindle: SpindleStatus::default(),
+            sheet_points: Vec::new(),
             follows_spindle: false,
             override_rate: 1.0,
             rapid_override: 1.0,
@@ -376,7 +382,14 @@ impl ScreenModel {
     /// Work position of an axis, mm (degrees).
     #[must_use]
     pub fn work_mm(&self, axis: usize) -> f64 {
-        self.machine_mm(axis) - self.work_zero_mm.get(axis).copied().unwrap_or(0.0)
+        let from_zero = |axis: usize| self.machine_mm(axis) - self.work_zero_mm.get(axis).copied().unwrap_or(0.0);
+        let [Some(x), Some(y), _] = self.facts.space() else { return from_zero(axis) };
+        if self.work_rotation_deg == 0.0 || axis != x && axis != y {
+            return from_zero(axis);
+        }
+        let (sin, cos) = self.work_rotation_deg.to_radians().sin_cos();
+        let (along_x, along_y) = (from_zero(x), from_zero(y));
+        if axis == x { along_x * cos + along_y * sin } else { along_y * cos - along_x * sin }
     }
 
     /// Position of an axis on the path, without the layer, mm (degrees).

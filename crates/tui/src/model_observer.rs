@@ -12,7 +12,7 @@ use retrace_controller::{
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, RecordIndex};
-use retrace_gcode::{FeedMode, MotionMode, Pose};
+use retrace_gcode::{Axis, FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
 use retrace_link::{CutterOffCause, GearState, channel};
 
@@ -69,12 +69,17 @@ struct ModeHistory {
 struct ActiveAt {
     active: Active,
     work_zero_mm: Vec<f64>,
+    work_rotation_deg: f64,
 }
 
 impl ModeHistory {
     /// History that starts with the state in the model, at this record.
     fn from(place: RecordIndex, model: &ScreenModel) -> Self {
-        let now = ActiveAt { active: model.active.clone(), work_zero_mm: model.work_zero_mm.clone() };
+        let now = ActiveAt {
+            active: model.active.clone(),
+            work_zero_mm: model.work_zero_mm.clone(),
+            work_rotation_deg: model.work_rotation_deg,
+        };
         Self { states: VecDeque::from([(place, now)]), ..Self::default() }
     }
 
@@ -128,6 +133,7 @@ impl ActiveAt {
     fn show(&self, model: &mut ScreenModel) {
         model.active = self.active.clone();
         model.work_zero_mm.clone_from(&self.work_zero_mm);
+        model.work_rotation_deg = self.work_rotation_deg;
     }
 }
 
@@ -309,13 +315,18 @@ fn active_at(model: &ScreenModel, active: &retrace_gcode::ActiveCodes) -> Active
         motion,
     };
     let mut work_zero_mm = model.work_zero_mm.clone();
+    // The offset of G92 is one in the turned coordinates.
+    let (sin, cos) = active.rotation_degrees.to_radians().sin_cos();
+    let mut g92 = active.g92_offset;
+    let [x, y] = [g92[Axis::X], g92[Axis::Y]];
+    (g92[Axis::X], g92[Axis::Y]) = (x * cos - y * sin, x * sin + y * cos);
     for (zero, axis) in work_zero_mm.iter_mut().zip(&model.facts.axes) {
         let Some(index) = AXIS_LETTERS.iter().position(|&letter| letter == axis.letter) else { continue };
-        let offsets = [&active.origin, &active.g92_offset, &active.tool_offset];
+        let offsets = [&active.origin, &g92, &active.tool_offset];
         let sum: f64 = offsets.iter().map(|offset| offset.0[index]).sum();
         *zero = if matches!(axis.letter, 'a'..='c') { sum } else { sum * unit_mm };
     }
-    ActiveAt { active: shown, work_zero_mm }
+    ActiveAt { active: shown, work_zero_mm, work_rotation_deg: active.rotation_degrees }
 }
 
 /// Distance in a period: along the linear axes, or along the others where no linear axis moves.

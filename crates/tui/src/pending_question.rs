@@ -23,6 +23,8 @@ pub(crate) enum PendingQuestion {
     TestPulse,
     /// Whether to start the program at this contour.
     StartContour(u32),
+    /// Whether to set the work coordinates by the edge of the sheet.
+    AlignSheet,
     /// Whether to stop the job.
     Stop,
     /// Path of another program.
@@ -32,6 +34,6 @@ pub(crate) enum PendingQuestion {
 impl PendingQuestion {
     /// Whether the answer is a text, and not a key.
     pub(crate) const fn takes_text(self) -> bool {
-        !matches!(self, Self::Stop | Self::TestPulse | Self::StartContour(_))
+        !matches!(self, Self::Stop | Self::TestPulse | Self::AlignSheet | Self::StartContour(_))
     }
 }

@@ -12,6 +12,7 @@ use crate::geared_status;
 use crate::keys::KeyAction;
 use crate::model::{Pause, ScreenModel, ScreenStage};
 use crate::program_facts::ProgramCheck;
+use crate::sheet_text;
 use crate::status_hint::{HintLevel, StatusHint, hint};
 
 /// Returns the status of the machine.
@@ -75,6 +76,10 @@ fn setup(model: &ScreenModel) -> StatusHint {
     actions.extend(rest);
     if !model.homed {
         return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &actions);
+    }
+    if !model.sheet_points.is_empty() {
+        let actions = [KeyAction::SheetEdge, KeyAction::Jog, KeyAction::Step, KeyAction::Output, KeyAction::Quit];
+        return hint(HintLevel::Waiting, "SHEET EDGE", sheet_text::of(model), &actions);
     }
     let name = &model.facts.program.name;
     match &model.facts.check {

@@ -31,6 +31,12 @@ pub enum UiCommand {
     Load(PathBuf),
     /// Trace the rectangle around what the program cuts, with the pointer.
     Frame,
+    /// Take the place of the tool, or of the pointer while it is on, as a point on the edge of the sheet.
+    SheetPoint,
+    /// Set origin and direction of the work coordinates by the edge of the sheet.
+    AlignSheet,
+    /// Forget the points on the edge of the sheet.
+    ForgetSheet,
     /// Switch every cutter off.
     CutterOff,
     /// Switch optional stop (M1) on or off.

@@ -48,6 +48,7 @@ mod resume_files;
 #[cfg(unix)]
 mod screen;
 mod serial;
+mod sheet;
 mod sheet_sensing;
 #[cfg(unix)]
 mod start_points;

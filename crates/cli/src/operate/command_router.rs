@@ -98,7 +98,11 @@ impl CommandRouter {
                 let mut route = self.route();
                 // A key that is held down does not queue up moves.
                 let is_busy = route.job.is_some() || route.sent != route.done;
-                if matches!(command, UiCommand::Task(_) | UiCommand::Frame | UiCommand::SetTables(_)) && is_busy {
+                if matches!(
+                    command,
+                    UiCommand::Task(_) | UiCommand::Frame | UiCommand::AlignSheet | UiCommand::SetTables(_)
+                ) && is_busy
+                {
                     return false;
                 }
                 route.sent += u64::from(is_start(&command));
@@ -149,6 +153,7 @@ pub(super) const fn is_start(command: &UiCommand) -> bool {
             | UiCommand::ResumeJob(_)
             | UiCommand::Task(_)
             | UiCommand::Frame
+            | UiCommand::AlignSheet
             | UiCommand::SetTables(_)
     )
 }

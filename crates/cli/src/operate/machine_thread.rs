@@ -3,6 +3,8 @@
 //! Invariant: control periods continue while no job runs, so that the card hears from its host. Before each job a new
 //! path starts at the machine's position.
 
+mod setting_up;
+
 use retrace_core::RecordIndex;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -157,6 +159,9 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
                 Ok(UiCommand::Frame) => self.trace_frame(),
+                Ok(UiCommand::SheetPoint) => self.take_sheet_point(),
+                Ok(UiCommand::AlignSheet) => self.align_sheet(),
+                Ok(UiCommand::ForgetSheet) => self.forget_sheet(),
                 Ok(UiCommand::Load(path)) => self.load_program(path),
                 Ok(UiCommand::CutterOff) => self.cutters_off(),
                 Ok(UiCommand::OptionalStop(on)) => {
@@ -327,22 +332,6 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
         self.publish_outputs();
         self.check_again();
-    }
-
-    /// Traces the rectangle around what the program cuts at this position, with these offsets.
-    fn trace_frame(&mut self) {
-        if let Some(why) = self.cannot_begin() {
-            return self.reject_text(why);
-        }
-        if let Err(refusal) = self.homing.check(&self.machine) {
-            return self.reject(refusal);
-        }
-        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
-        let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
-        match self.while_idle(|| program.reopened(setup)?.frame(&machine)) {
-            Ok(frame) => self.perform_task(&ManualTask::Frame(frame)),
-            Err(refusal) => self.reject(refusal),
-        }
     }
 
     /// Replaces offsets and tool data.

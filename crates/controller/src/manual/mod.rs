@@ -4,9 +4,11 @@
 
 mod frame;
 mod perform;
+mod sheet_edge;
 
 pub use frame::FrameRectangle;
 pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};
+pub use sheet_edge::SheetEdge;
 
 /// A task of the operator.
 #[derive(Clone, Debug, PartialEq)]

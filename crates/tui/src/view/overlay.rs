@@ -15,6 +15,7 @@ use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel};
 use crate::pending_question::PendingQuestion;
 use crate::program_facts::ToolFacts;
+use crate::sheet_text;
 use crate::status_hint::{HintLevel, StatusHint};
 use crate::status_line;
 
@@ -36,7 +37,7 @@ pub(super) fn draw(
         OpenDialog::Tools => tools(out, model, theme),
         OpenDialog::Contours(chosen) => contours::draw(out, model, *chosen, theme),
         OpenDialog::Messages(back) => log(out, model, *back, theme),
-        OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), theme),
+        OpenDialog::Prompt(ask, text, wrong) => prompt(out, model, *ask, (text, wrong.as_deref()), theme),
         OpenDialog::Nothing => match (&model.alarm, model.pause) {
             (None, _) if model.question.is_some() => question(out, model, theme),
             (None, _) if !model.differing_outputs.is_empty() => differ(out, model, theme),
@@ -146,7 +147,13 @@ fn log(out: &mut Buffer, model: &ScreenModel, back: usize, theme: Theme) {
     draw_box(out, "messages, newest last · ↑ ↓ PgUp PgDn scroll · any other key: close", &lines, theme);
 }
 
-fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, theme: Theme) {
+fn prompt(
+    out: &mut Buffer,
+    model: &ScreenModel,
+    ask: PendingQuestion,
+    (text, wrong): (&str, Option<&str>),
+    theme: Theme,
+) {
     let (title, question, keys) = match ask {
         PendingQuestion::BackBy => {
             ("back by", "Distance back along the path in mm, or a contour such as c3:", "Enter OK · Esc cancel")
@@ -178,6 +185,11 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
             let question = format!("The program begins at contour {number}: the cutter is lit there.");
             let lines = [question, "y begin · any other key: cancel".into()];
             draw_box(out, "begin there?", &lines, theme);
+            return;
+        }
+        PendingQuestion::AlignSheet => {
+            let lines = [sheet_text::of(model), "y set zero and direction · any other key: forget both points".into()];
+            draw_box(out, "the edge of the sheet", &lines, theme);
             return;
         }
         PendingQuestion::TestPulse => (

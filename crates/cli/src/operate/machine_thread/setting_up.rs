@@ -1,0 +1,114 @@
+//! What an operator sets up by the sheet on the table: its edge, and the frame of the program (CUT-58, CUT-59).
+//!
+//! Invariant: nothing here moves a machine that is not homed. The model has at most two points on the edge, and two
+//! only where they are an edge.
+
+use std::sync::{Arc, Mutex};
+
+use retrace_config::{MachineConfig, NumberedError};
+use retrace_controller::{ManualTask, SheetEdge};
+use retrace_gcode::LengthUnit;
+use retrace_link::{MotionCard, Outputs};
+use retrace_tui::{ScreenModel, lock_model, sheet_text};
+
+use super::MachineThread;
+
+impl<const A: usize> MachineThread<'_, '_, A> {
+    /// Takes the place of the tool, or of the pointer while it is on, as a point on the edge of the sheet.
+    pub(super) fn take_sheet_point(&mut self) {
+        let status = self.card.status();
+        let counts = self.machine.position_counts(status);
+        let take = || take_point(&self.router.model, &self.machine, &counts, &status.outputs);
+        match self.homing.check(&self.machine).and_then(|()| take()) {
+            Ok(text) => self.add_message(text),
+            Err(refusal) => self.reject(refusal),
+        }
+    }
+
+    /// Sets origin and direction of the work coordinates by the edge of the sheet.
+    pub(super) fn align_sheet(&mut self) {
+        let counts = self.machine.position_counts(self.card.status());
+        let unit = self.mdi_context.active().units;
+        match sheet_blocks(&self.router.model, &self.machine, &counts, unit) {
+            Ok(blocks) => {
+                self.forget_sheet();
+                blocks.into_iter().for_each(|block| self.perform_task(&ManualTask::Mdi(block)));
+            }
+            Err(refusal) => self.reject(refusal),
+        }
+    }
+
+    /// Traces the rectangle around what the program cuts at this position, with these offsets.
+    pub(super) fn trace_frame(&mut self) {
+        if let Some(why) = self.cannot_begin() {
+            return self.reject_text(why);
+        }
+        if let Err(refusal) = self.homing.check(&self.machine) {
+            return self.reject(refusal);
+        }
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
+        let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
+        match self.while_idle(|| program.reopened(setup)?.frame(&machine)) {
+            Ok(frame) => self.perform_task(&ManualTask::Frame(frame)),
+            Err(refusal) => self.reject(refusal),
+        }
+    }
+
+    /// Forgets the points on the edge of the sheet.
+    pub(super) fn forget_sheet(&self) {
+        let mut model = lock_model(&self.router.model);
+        model.sheet_points.clear();
+        model.changes += 1;
+    }
+}
+
+/// Position of the tool in X and Y, mm of the machine.
+fn tool_mm(machine: &MachineConfig, counts: &[i64]) -> Result<[f64; 2], NumberedError> {
+    let at = |letter| machine.axis_of(letter).map(|axis| machine.axes[axis].mm_of(counts[axis]));
+    match [at('x'), at('y')] {
+        [Some(x), Some(y)] => Ok([x, y]),
+        _ => Err(NumberedError::new("E2161", "the machine has no X and Y", "set the zeros of its axes instead")),
+    }
+}
+
+/// Takes the place of the tool as a point, or that of the pointer while its output is on. Returns what is known of the
+/// edge then.
+fn take_point(
+    model: &Mutex<ScreenModel>,
+    machine: &MachineConfig,
+    counts: &[i64],
+    outputs: &Outputs,
+) -> Result<String, NumberedError> {
+    let mut point = tool_mm(machine, counts)?;
+    let setting_up = &machine.setting_up;
+    if setting_up.pointer_output.is_some_and(|output| outputs[usize::from(output)] != 0) {
+        for &(axis, mm) in &setting_up.pointer_mm {
+            for (place, letter) in point.iter_mut().zip(['x', 'y']) {
+                *place += if machine.axis_of(letter) == Some(axis) { mm } else { 0.0 };
+            }
+        }
+    }
+    let mut model = lock_model(model);
+    if let [first] = model.sheet_points[..] {
+        SheetEdge::through(first, point)?;
+    } else {
+        model.sheet_points.clear();
+    }
+    model.sheet_points.push(point);
+    model.changes += 1;
+    Ok(sheet_text(&model))
+}
+
+/// Blocks that set origin and direction by the points that were taken.
+fn sheet_blocks(
+    model: &Mutex<ScreenModel>,
+    machine: &MachineConfig,
+    counts: &[i64],
+    unit: LengthUnit,
+) -> Result<[String; 2], NumberedError> {
+    let [first, second] = lock_model(model).sheet_points[..] else {
+        let (cause, remedy) = ("the edge of the sheet needs two points", "take both, then align");
+        return Err(NumberedError::new("E2163", cause, remedy));
+    };
+    Ok(SheetEdge::through(first, second)?.blocks(tool_mm(machine, counts)?, unit))
+}
