@@ -160,14 +160,14 @@ fn loops_without_end_are_found_whatever_the_command() {
     let bench = Bench::new();
     let nested: String = (1..40).map(|n| format!("O{n} repeat [9]\n")).collect();
     let ends: String = (1..40).rev().map(|n| format!("O{n} endrepeat\n")).collect();
-    for (name, text) in [
-        ("while.ngc", "O1 while [1]\nO1 endwhile\nM2\n".to_owned()),
-        ("repeat.ngc", "O1 repeat [999999999]\n#1=[#1+1]\nO1 endrepeat\nM2\n".to_owned()),
-        ("nested.ngc", format!("{nested}F100\n{ends}M2\n")),
+    for (name, text, commands) in [
+        ("while.ngc", "O1 while [1]\nO1 endwhile\nM2\n".to_owned(), &["check", "canon", "run"][..]),
+        ("repeat.ngc", "O1 repeat [999999999]\n#1=[#1+1]\nO1 endrepeat\nM2\n".to_owned(), &["run"]),
+        ("nested.ngc", format!("{nested}F100\n{ends}M2\n"), &["canon"]),
     ] {
         bench.file(name, &text);
-        for command in ["check", "canon", "run"] {
-            let result = bench.retrace([command, name]);
+        for command in commands {
+            let result = bench.retrace([*command, name]);
             assert!(result.code == Some(1) && result.err.contains("E1806"), "{command} {name}: {}", result.err);
         }
     }
@@ -351,4 +351,15 @@ fn a_long_check_shows_its_lines_and_can_be_interrupted() {
     terminal.wait_for_text("of 6");
     terminal.keys("\u{3}");
     assert_ne!(terminal.wait_for_end(), Some(0));
+}
+
+/// The overrides and the hold are the operator's: a program that switches them off is told so, once for each line.
+#[test]
+fn an_override_that_a_program_switches_off_stays_and_is_told() {
+    let bench = Bench::new();
+    bench.file("o.ngc", "M48\nM50 P0\nM51 P0\nM53 P0\nM49\nM50\nM52 P0\nG0 X1\nM2\n");
+    let result = bench.retrace(["check", "o.ngc"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    assert_eq!(result.err.matches("W1012").count(), 4, "{}", result.err);
+    assert!(result.err.contains("M53: the feed hold stays enabled") && result.err.contains("M49: the operator's"));
 }

@@ -11,7 +11,7 @@ use crate::block::Words;
 use crate::canon::Canon;
 use crate::canon_modes::FeedMode;
 use crate::cutting::SpindleUse;
-use crate::diag::{BlockError, BlockResult, fault};
+use crate::diag::{BlockError, BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
@@ -217,6 +217,10 @@ impl Core {
             49 => false,
             _ => p != Some(0.0),
         };
+        if !on && code != 52 {
+            let what = if code == 53 { "the feed hold stays" } else { "the operator's overrides stay" };
+            emit.warn(ErrorCode::OverrideStays, Span::default(), format!("M{code}: {what} enabled"));
+        }
         let state = &mut self.state;
         if matches!(code, 48..=50) {
             state.feed_override = on;
