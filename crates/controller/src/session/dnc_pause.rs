@@ -239,7 +239,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Latches the breakpoint once the machine is at rest with no instruction pending (DNC-1, DNC-2).
     fn watch_pausing(&mut self) -> Result<(), CardError> {
         let status = *self.card.status();
-        let stands = status.at_rest && self.executing.is_none() && !self.is_lifting() && self.due_lift().is_none();
+        // Nor in a thread that was entered before the card has reported it: no axis leaves one.
+        let is_on_path = !self.is_lifting() && self.due_lift().is_none() && !self.is_engaged();
+        let stands = status.at_rest && self.executing.is_none() && is_on_path;
         self.dnc.rest_periods = if stands { self.dnc.rest_periods + 1 } else { 0 };
         if self.dnc.rest_periods <= if self.config.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
             return Ok(());
