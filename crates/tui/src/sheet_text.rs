@@ -11,7 +11,10 @@ use crate::model::ScreenModel;
 pub fn of(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [] => "jog to the zero of the job on the edge of the sheet, then take the first point".into(),
-        [first] => format!("first point at {}; jog along the edge, then take the second one", place(first)),
+        [first] => format!(
+            "first point at {}; jog along the edge, then take the second one; here again it is forgotten",
+            place(first)
+        ),
         [first, second, ..] => match SheetEdge::through(first, second) {
             Ok(edge) => format!(
                 "{:.1} mm of the edge along {}: zero at {}, turned by {:+.3}°",

@@ -87,7 +87,7 @@ fn a_thread_is_reversed_and_cut_again() {
 /// What would move the tool in a thread without the spindle is refused, and an override of 0 does not stop it.
 #[test]
 fn nothing_but_the_spindle_moves_the_tool_in_a_thread() {
-    let words = ["wheel 50 for 0.01s", "back 3 mm", "back to block", "pause", "park"];
+    let words = ["wheel 50 for 0.01s", "back 3 mm", "back to block", "cut", "pause", "park"];
     let script: String = words.iter().map(|word| format!("after 0.02s {word}\n")).collect();
     let (_bench, result) = run(HELD, THREAD, &format!("at 0.7s override 0%\n{script}after 2s override 100%\n"));
     assert_exact(&result, [4_000, 0, 5_000]);
@@ -102,6 +102,25 @@ fn nothing_but_the_spindle_moves_the_tool_in_a_thread() {
     // Where nothing is held, nothing follows a spindle that is turned by hand.
     let (_bench, result) = run(HELD, THREAD, "at 0.8s follow spindle\n");
     assert!(result.out.contains("command_rejected"), "{}", result.out);
+}
+
+/// A handwheel that retraces in front of the thread stops at its beginning, and the job goes on exactly.
+#[test]
+fn a_handwheel_does_not_begin_a_thread() {
+    let script = "at 0.8s reverse 100%\nafter 6s wheel 100 for 4s\nafter 1s leave\n";
+    let (_bench, result) = run(HELD, THREAD, script);
+    assert_exact(&result, [4_000, 0, 5_000]);
+    assert_eq!(taken_at(&result.out, "leave")[0].0, 208, "{}", result.out);
+}
+
+/// Reversed so near to its turn that the spindle coasts over it, a tap comes out behind the turn, and is complete.
+#[test]
+fn a_tap_that_turns_while_it_is_reversed_comes_out() {
+    for at_ms in (1_900..2_500).step_by(50) {
+        let (_bench, result) =
+            run(TAPS, TAP, &format!("at {at_ms}ms reverse 100%\nafter 8s resume\n").replace("ms", "e-3s"));
+        assert_exact(&result, [40_000, 0, 3_000]);
+    }
 }
 
 /// A job that was stopped in a thread, or was reversed out of one whose end it had not reached, is not resumed: the way

@@ -281,6 +281,9 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
 
     /// Executes a manual task.
     fn perform_task(&mut self, task: &ManualTask) {
+        if matches!(task, ManualTask::Home(_)) {
+            self.forget_sheet();
+        }
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let Some(commands) = self.router.begin_job(self.start) else { return self.add_message("held before it began") };

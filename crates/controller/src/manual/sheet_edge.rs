@@ -4,7 +4,7 @@
 //! whichever is within 45°.
 
 use retrace_config::NumberedError;
-use retrace_gcode::LengthUnit;
+use retrace_gcode::{ActiveCodes, Axis, Pose};
 
 /// The points must be at least so far apart, mm: nearer ones would turn a large sheet by what a hand errs.
 const SHORTEST_MM: f64 = 50.0;
@@ -52,14 +52,17 @@ impl SheetEdge {
         }
     }
 
-    /// The blocks that set origin and direction of the coordinate system in force, with the tool at this position.
+    /// The block that sets origin and direction of the coordinate system in force: with the offsets of G92 and of the
+    /// tool that are in force as well, the first point is its zero.
     #[must_use]
-    pub fn blocks(&self, tool_mm: [f64; 2], unit: LengthUnit) -> [String; 2] {
+    pub fn block(&self, active: &ActiveCodes) -> String {
         let (sin, cos) = self.angle_deg.to_radians().sin_cos();
-        let [x, y] = [tool_mm[0] - self.first_mm[0], tool_mm[1] - self.first_mm[1]];
-        let scale = if unit == LengthUnit::Inch { 1.0 / 25.4 } else { 1.0 };
-        let [x, y] = [(x * cos + y * sin) * scale, (y * cos - x * sin) * scale];
-        [format!("G10 L2 P0 R{:.12}", self.angle_deg), format!("G10 L20 P0 X{x:.9} Y{y:.9}")]
+        let unit_mm = active.units.millimetres();
+        let of = |offset: &Pose| [offset[Axis::X], offset[Axis::Y]];
+        let ([x, y], [tool_x, tool_y]) = (of(&active.g92_offset), of(&active.tool_offset));
+        let turned = [x * cos - y * sin + tool_x, x * sin + y * cos + tool_y];
+        let [x, y] = [0, 1].map(|axis| self.first_mm[axis] / unit_mm - turned[axis]);
+        format!("G10 L2 P0 X{x:.9} Y{y:.9} R{:.12}", self.angle_deg)
     }
 }
 
@@ -90,30 +93,34 @@ mod tests {
         #[test]
         fn the_job_lies_on_the_edge(
             first in [-200.0..200.0f64, -200.0..200.0f64], length in 50.0..900.0f64, degrees in -44.9..44.9f64,
-            is_along_y in any::<bool>(), tool in [-300.0..300.0f64, -300.0..300.0f64], is_inch in any::<bool>(),
+            is_along_y in any::<bool>(), g92 in [-50.0..50.0f64, -50.0..50.0f64], is_inch in any::<bool>(),
         ) {
             let direction = (degrees + if is_along_y { 90.0 } else { 0.0 }).to_radians();
             let second = [first[0] + length * direction.cos(), first[1] + length * direction.sin()];
             let edge = SheetEdge::through(first, second).expect("an edge");
             prop_assert!((edge.angle_deg - degrees).to_radians().abs() < 1e-9 && edge.is_along_y == is_along_y);
             let machine = MachineConfig::built_in().expect("built in");
-            let counts: Vec<i64> = tool.iter().map(|mm| (mm * 1000.0) as i64).chain([0]).collect();
-            let machine = machine.standing_at(&counts);
             let mut context = ModalContext::new(interpreter_setup(&machine));
-            let unit = if is_inch { LengthUnit::Inch } else { LengthUnit::Millimetre };
-            let blocks = edge.blocks([counts[0] as f64 / 1000.0, counts[1] as f64 / 1000.0], unit);
-            for block in std::iter::once(if is_inch { "G20" } else { "G21" }).chain(blocks.iter().map(String::as_str)) {
+            let mut executed = |block: &str| {
                 let mut block = context.block(&machine, block).expect("a block");
                 let mut steps = Vec::new();
                 while block.next_block(&mut steps) == DecodedBlock::Block {}
                 context.finish_block(&block);
-            }
-            // G54: its origin, and its rotation.
-            let [x, y, turned] = [5221, 5222, 5230].map(|number| context.modal_snapshot().parameters().get(number));
+                context.active()
+            };
+            let unit = if is_inch { "G20" } else { "G21" };
+            let active = executed(&format!("{unit} G92 X{:.3} Y{:.3}", g92[0] / 9.0, g92[1] / 9.0));
+            let active = executed(&edge.block(&active));
+            // Where the zero is, with the offset of G92, which is one in the turned coordinates.
+            let unit_mm = active.units.millimetres();
+            let (sin, cos) = active.rotation_degrees.to_radians().sin_cos();
+            let [gx, gy] = [active.g92_offset[Axis::X], active.g92_offset[Axis::Y]];
+            let x = (active.origin[Axis::X] + gx * cos - gy * sin) * unit_mm;
+            let y = (active.origin[Axis::Y] + gx * sin + gy * cos) * unit_mm;
+            let turned = active.rotation_degrees;
             prop_assert!((x - first[0]).abs() < 1e-6 && (y - first[1]).abs() < 1e-6, "{x} {y} for {first:?}");
             prop_assert!((turned - degrees).to_radians().abs() < 1e-9);
             // The second point is on that axis.
-            let (sin, cos) = turned.to_radians().sin_cos();
             let off = if is_along_y {
                 (second[0] - x) * cos + (second[1] - y) * sin
             } else {

@@ -3,9 +3,9 @@
 //! Invariant: while the motion follows the spindle, nothing but the spindle moves it, and the card's window ends at no
 //! place inside of the thread.
 
-use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
-use retrace_core::{Rate, RateTarget, RecordIndex};
-use retrace_link::{GearStart, GearState, HostCommand, MotionCard, Outputs, SpindleControl, channel};
+use retrace_core::mode::{Mode, ModeCommand, ModeOutput, Resuming};
+use retrace_core::{Place, Rate, RateTarget, RecordIndex};
+use retrace_link::{CardStatus, GearStart, GearState, HostCommand, MotionCard, Outputs, SpindleControl, channel};
 
 use super::Session;
 use crate::operator::{CommandError, OperatorCommand};
@@ -95,6 +95,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             | OperatorCommand::BackToPierce
             | OperatorCommand::BackToCutEnd
             | OperatorCommand::BackToContour(_)
+            | OperatorCommand::CutFromHere(_)
+            | OperatorCommand::CutAll
+            | OperatorCommand::CutAsk
+            | OperatorCommand::SkipContour
             | OperatorCommand::Pause
             | OperatorCommand::Park
             | OperatorCommand::Pointer => Some(Err(IN_THREAD)),
@@ -158,6 +162,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 let _ = self.card.send(HostCommand::FollowSpindle { on: true });
             }
         }
+        // A tap that turns before its spindle has stopped is on its way out: that goes on.
+        self.geared.reverses_tap &= !self.probing.has_tap_turned();
         // Behind its end a thread is passed, and a tap that has turned is complete: no other gear waits then.
         let is_left_backward = self.geared.was_engaged && gear == GearState::Waiting;
         self.geared.was_engaged = is_engaged;
@@ -177,11 +183,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
+    /// The rate of the handwheel: it moves nothing while the motion follows the spindle, and begins no thread.
+    pub(super) fn wheel_rate(&self) -> Rate {
+        let CardStatus { place, spindle, .. } = *self.card.status();
+        let waits_here = self.geared.thread.is_some_and(|thread| place == Place::start_of(thread.first));
+        match spindle.gear {
+            GearState::Engaged => Rate::ZERO,
+            GearState::Waiting if waits_here => self.wheel.rate().min(Rate::ZERO),
+            GearState::Waiting | GearState::Off => self.wheel.rate(),
+        }
+    }
+
     /// The output of the mode while the motion follows the spindle: an override of 0 is no hold (SPN-20).
     pub(super) fn in_gear(&self, demand: ModeOutput) -> ModeOutput {
         let state = self.mode_controller.state();
         let is_stopped_by_override = state.override_rate == Rate::ZERO || state.rapid_override == Rate::ZERO;
-        let moves = matches!(state.mode, Mode::Run | Mode::Rejoin) && !state.held;
+        let moves = matches!(state.mode, Mode::Run | Mode::Rejoin) && !state.held && state.resuming == Resuming::No;
         if moves && is_stopped_by_override && self.is_engaged() {
             return ModeOutput { target: RateTarget::both(Rate::ONE), ..demand };
         }

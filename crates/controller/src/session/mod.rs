@@ -386,7 +386,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             reached: status.reached,
             oldest: self.oldest(),
             outputs_agree: !is_compared || agree(),
-            wheel: self.wheel.rate(),
+            wheel: self.wheel_rate(),
         }
     }
 

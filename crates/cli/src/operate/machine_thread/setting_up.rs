@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex};
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{ManualTask, SheetEdge};
-use retrace_gcode::LengthUnit;
 use retrace_link::{MotionCard, Outputs};
 use retrace_tui::{ScreenModel, lock_model, sheet_text};
 
@@ -27,12 +26,10 @@ impl<const A: usize> MachineThread<'_, '_, A> {
 
     /// Sets origin and direction of the work coordinates by the edge of the sheet.
     pub(super) fn align_sheet(&mut self) {
-        let counts = self.machine.position_counts(self.card.status());
-        let unit = self.mdi_context.active().units;
-        match sheet_blocks(&self.router.model, &self.machine, &counts, unit) {
-            Ok(blocks) => {
+        match taken_edge(&self.router.model) {
+            Ok(edge) => {
                 self.forget_sheet();
-                blocks.into_iter().for_each(|block| self.perform_task(&ManualTask::Mdi(block)));
+                self.perform_task(&ManualTask::Mdi(edge.block(&self.mdi_context.active())));
             }
             Err(refusal) => self.reject(refusal),
         }
@@ -62,6 +59,9 @@ impl<const A: usize> MachineThread<'_, '_, A> {
     }
 }
 
+/// Points nearer to each other than this are one, mm.
+const SAME_PLACE_MM: f64 = 1.0;
+
 /// Position of the tool in X and Y, mm of the machine.
 fn tool_mm(machine: &MachineConfig, counts: &[i64]) -> Result<[f64; 2], NumberedError> {
     let at = |letter| machine.axis_of(letter).map(|axis| machine.axes[axis].mm_of(counts[axis]));
@@ -89,26 +89,27 @@ fn take_point(
         }
     }
     let mut model = lock_model(model);
-    if let [first] = model.sheet_points[..] {
-        SheetEdge::through(first, point)?;
-    } else {
-        model.sheet_points.clear();
+    model.changes += 1;
+    match model.sheet_points[..] {
+        // Taken twice at the same place, it is taken back.
+        [[x, y]] if (point[0] - x).hypot(point[1] - y) < SAME_PLACE_MM => {
+            model.sheet_points.clear();
+            return Ok("the first point on the edge of the sheet is forgotten".into());
+        }
+        [first] => {
+            SheetEdge::through(first, point)?;
+        }
+        _ => model.sheet_points.clear(),
     }
     model.sheet_points.push(point);
-    model.changes += 1;
     Ok(sheet_text(&model))
 }
 
-/// Blocks that set origin and direction by the points that were taken.
-fn sheet_blocks(
-    model: &Mutex<ScreenModel>,
-    machine: &MachineConfig,
-    counts: &[i64],
-    unit: LengthUnit,
-) -> Result<[String; 2], NumberedError> {
+/// The edge through the points that were taken.
+fn taken_edge(model: &Mutex<ScreenModel>) -> Result<SheetEdge, NumberedError> {
     let [first, second] = lock_model(model).sheet_points[..] else {
         let (cause, remedy) = ("the edge of the sheet needs two points", "take both, then align");
         return Err(NumberedError::new("E2163", cause, remedy));
     };
-    Ok(SheetEdge::through(first, second)?.blocks(tool_mm(machine, counts)?, unit))
+    SheetEdge::through(first, second)
 }
