@@ -200,10 +200,21 @@ fn a_job_that_was_killed_in_a_thread_is_not_resumed_in_it() {
 /// afterwards, also not a spindle that is turned by hand.
 #[test]
 fn whatever_ends_a_thread_early_leaves_the_spindle_off_and_the_machine_at_rest() {
-    let events = [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("power off", "")];
+    assert_early_ends_are_safe(ENCODER);
+}
+
+/// The same in a thread in which a hold stops the spindle.
+#[test]
+fn whatever_ends_a_held_thread_early_leaves_the_spindle_off_and_the_machine_at_rest() {
+    assert_early_ends_are_safe(&format!("{ENCODER}thread_hold = \"spindle\"\n"));
+}
+
+fn assert_early_ends_are_safe(spindle: &str) {
+    let events =
+        [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("power off", ""), ("kill", "")];
     let program = "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n";
     for (event, number) in events {
-        let EarlyEnd { samples, .. } = end_early(ENCODER, program, ("G33\"", 1200), (event, number));
+        let EarlyEnd { samples, .. } = end_early(spindle, program, ("G33\"", 1200), (event, number));
         let last = samples.last().expect("a trace");
         assert!(!last.is_on("spindle"), "{event}: {last:?}");
         let switched_off = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");
