@@ -12,6 +12,8 @@ use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
+use crate::command::Bench;
+
 /// Longest wait for something to appear.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
@@ -65,6 +67,21 @@ impl PageServer {
     #[must_use]
     pub fn start(arguments: &[&str]) -> Self {
         Self::start_as(std::process::Command::new(crate::command::binary()), arguments)
+    }
+
+    /// Starts the command with this program, and opens a page that is in control and ready.
+    ///
+    /// # Panics
+    /// Where it does not become ready.
+    #[must_use]
+    pub fn in_control(bench: &Bench, program: &str, arguments: &[&str]) -> (Self, Page) {
+        let program = bench.file("program.ngc", program).display().to_string();
+        let journal = bench.path("jobs").display().to_string();
+        let server = Self::start(&[&[&program, "--journal", &journal], arguments].concat());
+        let mut page = server.page(&server.token);
+        page.take_control();
+        page.wait_for_word("READY");
+        (server, page)
     }
 
     /// Starts the command as this process, to which its arguments are added.

@@ -23,13 +23,8 @@ const MACHINE: &str = "homed = true\nretract_mm = -5\n\
 const PROGRAM: &str = "G21 G90 G61 F900\nG0 X30 Y20\nM3\nG1 X60\nG1 Y35\nM5\nG1 X70 Y50\nG53 G0 X0 Y0\nM2\n";
 
 fn in_control(bench: &Bench) -> (PageServer, Page) {
-    let [program, machine] = [("program.ngc", PROGRAM), ("m.toml", MACHINE)]
-        .map(|(name, text)| bench.file(name, text).display().to_string());
-    let journal = bench.path("jobs").display().to_string();
-    let server = PageServer::start(&[&program, "--journal", &journal, "--machine", &machine]);
-    let mut page = server.page(&server.token);
-    page.take_control();
-    page.wait_for_word("READY");
+    let machine = bench.file("m.toml", MACHINE).display().to_string();
+    let (server, mut page) = PageServer::in_control(bench, PROGRAM, &["--machine", &machine]);
     page.wait_until("live figures", |page| !page.last("live").is_null());
     (server, page)
 }

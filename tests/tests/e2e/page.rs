@@ -11,17 +11,6 @@ use serde_json::{Value, json};
 /// A long straight line at 50 mm/s, and back beside it.
 const LINES: &str = "G21 G90 G17 G94 G61\nF3000\nG1 X60\nG1 Y5\nG1 X0\nG1 Y0\nM2\n";
 
-/// A server with this program, and a page in control.
-fn in_control(bench: &Bench, program: &str, arguments: &[&str]) -> (PageServer, Page) {
-    let program = bench.file("program.ngc", program).display().to_string();
-    let journal = bench.path("jobs").display().to_string();
-    let server = PageServer::start(&[&[&program, "--journal", &journal], arguments].concat());
-    let mut page = server.page(&server.token);
-    page.take_control();
-    page.wait_for_word("READY");
-    (server, page)
-}
-
 fn done(answer: &Value) {
     assert_eq!(answer["t"], "done", "{answer}");
 }
@@ -35,7 +24,7 @@ fn refused(answer: &Value, number: &str) {
 #[test]
 fn a_program_is_run_held_retraced_and_continued_from_a_page() {
     let bench = Bench::new();
-    let (_server, mut page) = in_control(&bench, LINES, &[]);
+    let (_server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     done(&page.order("cycle start"));
     page.wait_until("30 mm", |page| page.machine_mm(0) > 30.0);
     page.send(&json!({"t": "hold"}));
@@ -60,7 +49,7 @@ fn a_program_is_run_held_retraced_and_continued_from_a_page() {
 #[test]
 fn the_handwheel_of_a_page_moves_along_the_path_and_stands_when_let_go() {
     let bench = Bench::new();
-    let (_server, mut page) = in_control(&bench, LINES, &[]);
+    let (_server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     let seconds_per_count = page.last("hello")["machine"]["wheel"]["seconds_per_count"].as_f64().expect("a figure");
     done(&page.order("cycle start"));
     page.wait_until("40 mm", |page| page.machine_mm(0) > 40.0);
@@ -93,7 +82,7 @@ fn refused_wheel(page: &mut Page) {
 #[test]
 fn only_the_page_in_control_gives_orders_and_everybody_may_hold() {
     let bench = Bench::new();
-    let (server, mut first) = in_control(&bench, LINES, &[]);
+    let (server, mut first) = PageServer::in_control(&bench, LINES, &[]);
     let mut second = server.page(&server.token);
     let mut watcher = server.page(&server.watch_token);
     for page in [&mut second, &mut watcher] {
@@ -128,7 +117,7 @@ fn only_the_page_in_control_gives_orders_and_everybody_may_hold() {
 #[test]
 fn a_page_that_loses_its_link_in_reverse_run_holds_the_machine_and_comes_back_as_a_watcher() {
     let bench = Bench::new();
-    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     done(&page.order("cycle start"));
     page.wait_until("50 mm", |page| page.machine_mm(0) > 50.0);
     done(&page.order("reverse 10%"));
@@ -152,7 +141,7 @@ fn a_program_runs_on_without_its_page_unless_the_machine_file_says_otherwise() {
         let bench = Bench::new();
         let machine = bench.file("m.toml", if holds { "on_lost_control = \"hold\"\n" } else { "name = \"m\"\n" });
         let machine = machine.display().to_string();
-        let (server, mut page) = in_control(&bench, LINES, &["--machine", &machine]);
+        let (server, mut page) = PageServer::in_control(&bench, LINES, &["--machine", &machine]);
         done(&page.order("cycle start"));
         page.wait_until("10 mm", |page| page.machine_mm(0) > 10.0);
         drop(page);
@@ -165,7 +154,7 @@ fn a_program_runs_on_without_its_page_unless_the_machine_file_says_otherwise() {
 #[test]
 fn a_jog_is_held_to_run() {
     let bench = Bench::new();
-    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     for (number, end) in (1..).zip(["no beats", "release", "hold", "link"]) {
         let (from, beat, another) = hold_jog(&mut page, 10 * number, number % 2 == 1);
         refused(&another, "E2409");
@@ -244,7 +233,7 @@ fn hold_jog(page: &mut Page, number: u32, up: bool) -> (f64, u32, Value) {
 fn a_hold_that_comes_at_once_cancels_a_start_and_a_jog() {
     let bench = Bench::new();
     let long = format!("G21 G90 G17 G94 G61\nF3000\n{}M2\n", "G1 X60\nG1 X0\n".repeat(30_000));
-    let (_server, mut page) = in_control(&bench, &long, &[]);
+    let (_server, mut page) = PageServer::in_control(&bench, &long, &[]);
     page.wait_until("live figures", |page| !page.last("live").is_null());
     let (turn, seen) = (page.last("control")["turn"].clone(), page.last("state")["n"].clone());
     page.send(&json!({"t": "jog", "id": 900, "turn": turn, "seen": seen, "axis": "x", "up": true, "beat": 1}));
@@ -266,7 +255,7 @@ fn the_machine_is_set_up_from_a_page() {
     let programs = bench.path("programs");
     std::fs::create_dir(&programs).expect("a folder");
     std::fs::write(programs.join("other.ngc"), "G21 G90 G94\nF600\nG1 X3\nM2\n").expect("a file");
-    let (server, mut page) = in_control(&bench, LINES, &["--programs", &programs.display().to_string()]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &["--programs", &programs.display().to_string()]);
     done(&page.order("jog x 1.5"));
     page.wait_until("1.5 mm", |page| page.machine_mm(0) == 1.5 && page.last("live")["at_rest"] == true);
     done(&page.order_when_free("zero x"));
@@ -302,7 +291,7 @@ fn the_machine_is_set_up_from_a_page() {
 #[test]
 fn a_stopped_job_is_resumed_from_a_page() {
     let bench = Bench::new();
-    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     let cookie = server.sign_in(&server.token).expect("the token is right");
     done(&page.order("cycle start"));
     page.wait_until("30 mm", |page| page.machine_mm(0) > 30.0);
@@ -346,7 +335,7 @@ fn a_job_is_stopped_in_a_dwell_and_the_next_one_begins() {
     let bench = Bench::new();
     let machine = bench.file("jet.toml", "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n");
     let program = "G21 G90 F6000\nG1 X10\nM64 P3\nG4 P20\nG1 X20\nM65 P3\nM2\n";
-    let (_server, mut page) = in_control(&bench, program, &["--machine", &machine.display().to_string()]);
+    let (_server, mut page) = PageServer::in_control(&bench, program, &["--machine", &machine.display().to_string()]);
     for _ in 0..2 {
         done(&page.order("cycle start"));
         page.wait_until("the jet", |page| {
@@ -368,7 +357,7 @@ fn a_job_is_stopped_in_a_dwell_and_the_next_one_begins() {
 #[test]
 fn the_planned_path_arrives_with_its_records_and_lines() {
     let bench = Bench::new();
-    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     page.wait_until("the path", |page| !page.last("path").is_null());
     let path = page.last("path").clone();
     assert_eq!(path["bounds_mm"], json!([[0.0, 0.0, 0.0], [60.0, 5.0, 0.0]]));
@@ -471,7 +460,7 @@ fn a_new_program_of_the_watched_folder_is_offered_and_never_loaded() {
     let watched = bench.path("watched");
     std::fs::create_dir(&watched).expect("a folder");
     std::fs::write(watched.join("old.ngc"), "G0 X1\nM2\n").expect("a file");
-    let (_server, mut page) = in_control(&bench, LINES, &["--watch", &watched.display().to_string()]);
+    let (_server, mut page) = PageServer::in_control(&bench, LINES, &["--watch", &watched.display().to_string()]);
     page.listen(Duration::from_millis(1500));
     assert_eq!(page.last("offer"), &Value::Null, "what was there is not new");
     std::fs::write(watched.join("new.ngc"), "G21 G90 G94\nF600\nG1 X3\nM2\n").expect("a file");
@@ -486,7 +475,7 @@ fn a_new_program_of_the_watched_folder_is_offered_and_never_loaded() {
 #[test]
 fn an_order_that_is_rejected_later_is_told_to_the_page_that_gave_it() {
     let bench = Bench::new();
-    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     let mut watcher = server.page(&server.watch_token);
     done(&page.order("mdi G1 F100 X90000"));
     page.wait_until("the rejection", |page| page.last("rejected")["cause"].to_string().contains("soft limit"));
@@ -588,7 +577,7 @@ fn only_the_page_itself_with_a_session_is_answered() {
 fn slow_connections_end_by_themselves_and_disturb_no_page() {
     use std::io::{Read as _, Write as _};
     let bench = Bench::new();
-    let (server, mut page) = in_control(&bench, LINES, &[]);
+    let (server, mut page) = PageServer::in_control(&bench, LINES, &[]);
     let open = |_| {
         let mut stream = std::net::TcpStream::connect(&server.host).expect("the system accepts it");
         stream.write_all(b"GET / HTTP/1.1\r\nX-Slow: ").expect("sent");

@@ -19,13 +19,8 @@ const MACHINE: &str = "homed = true\n\
 const PROGRAM: &str = "G21 G90 G61 F900\nG0 X30 Y20\nM3\nG1 X60\nM5\nM2\n";
 
 fn in_control(bench: &Bench) -> (PageServer, Page) {
-    let [program, machine] = [("program.ngc", PROGRAM), ("m.toml", MACHINE)]
-        .map(|(name, text)| bench.file(name, text).display().to_string());
-    let journal = bench.path("jobs").display().to_string();
-    let server = PageServer::start(&[&program, "--journal", &journal, "--machine", &machine]);
-    let mut page = server.page(&server.token);
-    page.take_control();
-    page.wait_for_word("READY");
+    let machine = bench.file("m.toml", MACHINE).display().to_string();
+    let (server, mut page) = PageServer::in_control(bench, PROGRAM, &["--machine", &machine]);
     page.wait_until("live figures", |page| !page.last("live").is_null());
     (server, page)
 }
