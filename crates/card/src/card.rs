@@ -7,7 +7,7 @@
 use retrace_core::{Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HomingCommand,
-    HostCommand, MAX_PULSE_US, Outputs, PROTOCOL, RepeatedInstruction,
+    HostCommand, LayerMove, MAX_PULSE_US, Outputs, PROTOCOL, RepeatedInstruction,
 };
 
 use crate::homing::{HomingEnd, HomingSearch};
@@ -138,7 +138,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         }
         let alarm = match self.homing.take() {
             Some(search) => self.run_homing_period(search),
-            None => self.player.play_period(self.inputs.active(), inputs.failed),
+            None => self.player.play_period(self.inputs.active(), &inputs.analog, inputs.failed),
         };
         if let Some(alarm) = alarm {
             self.latch_alarm(alarm);
@@ -258,6 +258,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         self.homing.is_none() && self.player.is_at_rest()
     }
 
+    /// Whether the card can control the height as these moves ask.
+    fn supports_control(&self, moves: LayerMove) -> bool {
+        let LayerMove::Start { control, .. } = moves else { return true };
+        control.iter().all(|of| of.is_valid(self.identity.inputs, self.identity.analog.inputs()))
+    }
+
     /// Accepts a command that concerns the path, the motion or an instruction, while an epoch is open and the counts
     /// are on its path.
     fn accept_path_command(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
@@ -292,7 +298,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             _ => None,
         };
         let has_layer = self.settings.as_ref().is_some_and(|settings| settings.settings().layer.is_some());
-        if moves.is_some_and(|moves| !has_layer || !moves.is_valid()) {
+        if moves.is_some_and(|moves| !has_layer || !moves.is_valid() || !self.supports_control(moves)) {
             return Err(CommandRefusal::Unsupported);
         }
         if let HostCommand::Repeat(RepeatedInstruction { is_pulse: true, periods, .. }) = &command {

@@ -7,7 +7,7 @@
 //! Invariant: the increments sum to the layer; at rest at a target the layer is the target, to the pulse.
 
 use retrace_core::limits::PulseLimits;
-use retrace_link::{LayerMove, LayerSettings, OhmicSensing};
+use retrace_link::{HEIGHT_CONTROLS, LayerMove, LayerSettings, OhmicSensing};
 
 /// Maximum length of the average, in periods.
 const MAX_AVERAGE: usize = 64;
@@ -59,6 +59,8 @@ enum LayerTask {
     Again,
     /// The sheet was not found: it comes to rest.
     Failing(SheetFault),
+    /// Height control moves it toward an end of its range.
+    Steer { end: i32 },
 }
 
 /// The search for the sheet that was begun last.
@@ -106,6 +108,10 @@ pub struct LayerDrive {
     is_held: bool,
     /// Whether it moves beside the path, and not in an instruction.
     is_beside: bool,
+    /// Whether height control has moved it last: the sheet is where the tool follows it then.
+    is_steered: bool,
+    /// Maximum speed at which height control moves it.
+    steering: [i64; HEIGHT_CONTROLS],
 }
 
 impl LayerDrive {
@@ -139,6 +145,8 @@ impl LayerDrive {
             is_sheet_kept: false,
             is_held: false,
             is_beside: false,
+            is_steered: false,
+            steering: [0; HEIGHT_CONTROLS],
         }
     }
 
@@ -200,7 +208,7 @@ impl LayerDrive {
     /// Begins the moves before the switching. Returns whether there are any.
     pub fn begin_before(&mut self, moves: Option<LayerMove>) -> bool {
         let Some(LayerMove::Start { start, lowest, pierce, may_skip, ohmic, .. }) = moves else { return false };
-        self.is_beside = false;
+        (self.is_beside, self.is_steered) = (false, false);
         match self.sheet.filter(|_| may_skip && self.is_sheet_kept) {
             Some(sheet) => self.task = LayerTask::Return { target: sheet.saturating_add(pierce) },
             None => {
@@ -230,7 +238,7 @@ impl LayerDrive {
                 layer
             }
         };
-        (self.task, self.is_beside) = (LayerTask::Move { target }, false);
+        (self.task, self.is_beside, self.is_steered) = (LayerTask::Move { target }, false, false);
         true
     }
 
@@ -238,13 +246,46 @@ impl LayerDrive {
     pub const fn begin_beside(&mut self, height: i32) {
         if let Some(sheet) = self.sheet {
             (self.task, self.is_beside) = (LayerTask::Move { target: sheet.saturating_add(height) }, true);
+            self.is_steered = false;
         }
+    }
+
+    /// Whether height control may move it: nothing else does.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        matches!(self.task, LayerTask::Steer { .. }) || self.progress() == LayerProgress::Complete
+    }
+
+    /// Returns the lowest and the highest layer between which the sheet was sensed.
+    #[must_use]
+    pub const fn bounds(&self) -> [i32; 2] {
+        [self.search.lowest, self.search.start]
+    }
+
+    /// Shifts these bounds: the path has moved the axis by so many pulses.
+    pub const fn shift_bounds(&mut self, path: i32) {
+        let SheetSearch { start, lowest, .. } = &mut self.search;
+        (*start, *lowest) = (start.saturating_sub(path), lowest.saturating_sub(path));
+    }
+
+    /// Moves it beside the path toward an end of a range, with at most this speed in units of 2⁻³² pulses per period.
+    pub const fn steer(&mut self, end: i32, speed: i64) {
+        self.task = LayerTask::Steer { end };
+        self.steering = [speed; HEIGHT_CONTROLS];
+        (self.is_beside, self.is_steered, self.is_sheet_kept) = (true, true, false);
     }
 
     /// Whether it moves beside the path, comes to rest from such a move, or has made it last.
     #[must_use]
     pub const fn is_beside(&self) -> bool {
         self.is_beside
+    }
+
+    /// Ends a move by height control: it comes to rest.
+    pub const fn end_steering(&mut self) {
+        if matches!(self.task, LayerTask::Steer { .. }) {
+            self.task = LayerTask::Stop;
+        }
     }
 
     /// Brings the layer to rest wherever it is.
@@ -279,6 +320,7 @@ impl LayerDrive {
             LayerTask::Approach | LayerTask::Retreat | LayerTask::Again => (start, fastest),
             LayerTask::Down => (lowest, i64::from(settings.probe_speed) << 16),
             LayerTask::Up => (start, i64::from(settings.latch_speed) << 16),
+            LayerTask::Steer { end } => (end, self.steering.first().copied().unwrap_or(0)),
             LayerTask::Stop | LayerTask::Overrun | LayerTask::Failing(_) => (self.layer, 0),
         };
         self.speed = if is_held || speed == 0 { self.braked() } else { self.speed_toward(target, speed.min(fastest)) };
@@ -359,6 +401,9 @@ impl LayerDrive {
         self.increment = self.fraction.div_euclid(unit) as i32;
         self.fraction = self.fraction.rem_euclid(unit);
         self.layer = self.layer.saturating_add(self.increment);
+        if self.is_steered {
+            self.sheet = self.sheet.map(|sheet| sheet.saturating_add(self.increment));
+        }
     }
 }
 

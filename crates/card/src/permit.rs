@@ -323,6 +323,20 @@ impl CutterPermit {
         self.lit_channels(outputs, |_| true) != 0
     }
 
+    /// Whether every channel that fires and is on is proven; `None` where none is on. The second: whether all of their
+    /// inputs were active in the last period.
+    #[must_use]
+    pub fn proven(&self, outputs: &[i32]) -> Option<(bool, bool)> {
+        let lit = self.lit_channels(outputs, |_| true);
+        let channels = self.settings.channels().iter().zip(&self.timers).enumerate();
+        let watched = channels.filter(|&(index, (of, _))| lit >> index & 1 == 1 && of.proof.is_some());
+        let proofs = watched.map(|(_, (_, timer))| match timer.proof {
+            ProofState::Awaited { .. } => (false, false),
+            ProofState::Proven { inactive } => (true, inactive == 0),
+        });
+        (lit != 0).then(|| proofs.fold((true, true), |all, one| (all.0 && one.0, all.1 && one.1)))
+    }
+
     fn lit_channels(&self, outputs: &[i32], which: impl Fn(&CuttingChannel) -> bool) -> u8 {
         let channels = self.settings.channels().iter().enumerate();
         let lit = channels.filter(|(_, of)| {

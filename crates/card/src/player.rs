@@ -9,8 +9,8 @@ use retrace_core::limits::RateLimits;
 use retrace_core::playback::{emission, feed_share_between};
 use retrace_core::{Distance, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
-    Alarm, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand, Instruction, MAX_LAYER, OutputAction,
-    OutputChange, Outputs, PathStart, channel,
+    ANALOG_INPUTS, Alarm, AnalogInputs, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand,
+    Instruction, MAX_LAYER, OutputAction, OutputChange, Outputs, PathStart, channel,
 };
 
 use crate::layer::{LayerDrive, SheetFault};
@@ -19,8 +19,8 @@ use crate::probe_drive::ProbeDrive;
 use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
 use crate::{
-    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, GearDrive, InstructionExecutor, OutputBank, OutputCounts,
-    SpindleFollower,
+    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, GearDrive, HeightControl, HeightControllers,
+    InstructionExecutor, OutputBank, OutputCounts, SpindleFollower,
 };
 
 mod cutters;
@@ -69,6 +69,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     permit: CutterPermit,
     /// Height over the sheet, added to the path of the tool axis.
     layer: LayerDrive,
+    /// Control of that height.
+    height: HeightControllers,
     /// Latch of the probe.
     probe: ProbeDrive<A>,
     /// The spindle as it is measured, and the motion that follows it.
@@ -130,6 +132,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             block: MotionBlock::None,
             permit: CutterPermit::new(),
             layer: LayerDrive::new(),
+            height: HeightControl::NONE,
             probe: ProbeDrive::new(),
             followed: [SpindleFollower::NONE; FOLLOWED_SPINDLES],
             start_alarm: None,
@@ -200,31 +203,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             self.outputs.set(OutputChange { channel, value });
         }
         self.switch_cutters_off(CutterOffCause::EpochOpened);
-    }
-
-    /// Switches the cutting outputs off.
-    pub(crate) fn switch_cutters_off(&mut self, cause: CutterOffCause) {
-        self.permit.switch_off(self.outputs.values_mut(), cause, self.status.place);
-        self.update_status();
-    }
-
-    /// Switches off every cutting output whose permit is missing, at the end of a period. `denied` is the reason why
-    /// none may be on, independent of the path. Returns the alarm of a cutter that stays on.
-    pub(crate) fn apply_permit(&mut self, denied: Option<CutterOffCause>) -> Option<Alarm> {
-        let conditions = PermitConditions { denied, ..self.conditions };
-        let outcome = self.permit.apply_period(self.outputs.values_mut(), &conditions);
-        self.status.cutter_off = outcome.off;
-        if denied.is_some() || outcome.off.is_some() {
-            self.layer.forget_kept_sheet();
-        }
-        if outcome.blocks {
-            self.block = MotionBlock::CutterOff;
-        }
-        if outcome.is_lost {
-            self.switching.cancel_running();
-        }
-        self.update_status();
-        outcome.stays_on.map(|input| Alarm::CutterStaysOn { input })
     }
 
     /// Returns the status of the last period.
@@ -384,7 +362,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let (changes, moves) = self.switching.waiting_changes();
         match self.alarm_of_start(changes, moves) {
             Some(alarm) => self.start_alarm = Some(alarm),
-            None => self.switching.begin(&mut self.outputs, &mut self.layer),
+            None => {
+                self.begin_height_control(moves);
+                self.switching.begin(&mut self.outputs, &mut self.layer);
+            }
         }
     }
 
@@ -406,7 +387,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Runs one control period. While an instruction is executed the machine is at rest.
     pub fn run_period(&mut self) -> &CardStatus<A> {
-        if let Some(alarm) = self.play_period(0, false) {
+        if let Some(alarm) = self.play_period(0, &[None; ANALOG_INPUTS], false) {
             self.status.alarm.get_or_insert(alarm);
         }
         &self.status
@@ -414,7 +395,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Runs one control period, with these inputs active. `failed` means that the machine reports the instruction as
     /// failed.
-    pub(crate) fn play_period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+    pub(crate) fn play_period(&mut self, active: u16, analog: &AnalogInputs, failed: bool) -> Option<Alarm> {
         self.status.inputs = active;
         let instruction_begins = self.is_due();
         self.begin_due_instruction();
@@ -429,7 +410,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let (keeps, is_pulse) = (self.switching.keeps_cutter(), self.switching.is_pulse());
         let ran = !self.path_is_at_rest();
         let mut alarm = self.start_alarm.take();
-        self.run_layer(active);
+        self.run_layer(active, analog);
         let spindle = self.followed.first_mut();
         match self.switching.run_period(active, failed, &mut self.outputs, &mut self.layer, spindle) {
             Some(InstructionFault::Alarm(fault)) => alarm = Some(fault),
@@ -461,9 +442,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
                 (from, [0; A])
             }
         };
-        self.feed_share = match self.permit.beam_power() {
-            Some(_) => feed_share_between(from, to, |n| self.window.record(n)).unwrap_or(0),
-            None => 0,
+        self.feed_share = if self.permit.beam_power().is_some() || self.controls_height() {
+            feed_share_between(from, to, |n| self.window.record(n)).unwrap_or(0)
+        } else {
+            0
         };
         self.apply_actions(from, to);
         self.commit_period(to, increments, step.starved || waits);
@@ -582,6 +564,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         status.outputs = *self.outputs.values();
         status.beam_power = beam_power;
         status.layer = self.layer.layer();
+        for (state, control) in status.height.iter_mut().zip(&self.height) {
+            *state = control.state();
+        }
         status.spindle = spindle;
     }
 }

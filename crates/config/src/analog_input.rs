@@ -56,6 +56,13 @@ impl AnalogInput {
         at_zero + (at_full - at_zero) * (f64::from(reading) / READINGS)
     }
 
+    /// The difference of two amounts whose readings differ by one.
+    #[must_use]
+    pub fn per_reading(&self) -> f64 {
+        let [at_zero, at_full] = self.range;
+        (at_full - at_zero) / READINGS
+    }
+
     /// The reading at an amount; the nearest one, or the end of the range.
     #[must_use]
     pub fn reading(&self, amount: f64) -> u16 {

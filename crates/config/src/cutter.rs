@@ -3,13 +3,13 @@
 //!
 //! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
 
-use retrace_link::{CuttingChannel, CuttingSettings, InputUse, InputWait, MAX_CUTTING_CHANNELS, MAX_PROOFS, channel};
+use retrace_link::{CuttingChannel, CuttingSettings, InputWait, MAX_CUTTING_CHANNELS, MAX_PROOFS, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::beam_power::BeamPowerConfig;
-use crate::card_config::CardConfig;
 use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
+use crate::height_control::HeightControlConfig;
 use crate::jet_flow::JetFlow;
 use crate::marker_start::MarkerStart;
 use crate::numbered_error::NumberedError;
@@ -122,6 +122,8 @@ pub(crate) struct CutterSection {
     /// Finding the sheet before a pierce, and the height between contours.
     #[serde(default)]
     sense: SheetSensing,
+    /// Control of the height while the cutter cuts.
+    height: Option<HeightControlConfig>,
     /// Maximum time on while the machine is at rest, in ms.
     #[schemars(range(min = 0.0, max = 5000.0))]
     standing_ms: Option<f64>,
@@ -183,6 +185,8 @@ pub struct CutterConfig {
     pub z_words: ZWords,
     /// How it finds the sheet, and its height between contours.
     pub sense: SheetSensing,
+    /// How its height is controlled while it cuts, if it is.
+    pub height: Option<HeightControlConfig>,
     /// Time for which it may be on while the machine is at rest, ms. Not used for markers and spindles.
     pub standing_ms: f64,
     /// Longest dwell (G4) of a program while it is on, s. Not used for markers and spindles.
@@ -229,6 +233,7 @@ impl CutterSection {
             materials,
             z_words: self.z_words.unwrap_or(if rules_height { ZWords::Ignored } else { ZWords::Obeyed }),
             sense: self.sense,
+            height: self.height,
             standing_ms,
             dwell_lit_s: self.dwell_lit_s.unwrap_or(USUAL_DWELL_LIT_S),
             retrace_cut,
@@ -268,6 +273,7 @@ impl CutterConfig {
             materials: None,
             z_words: ZWords::Obeyed,
             sense: SheetSensing::default(),
+            height: None,
             standing_ms,
             dwell_lit_s: USUAL_DWELL_LIT_S,
             retrace_cut: false,
@@ -401,6 +407,7 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         cutter.restart.map_or(Ok(()), |restart| restart.check(&cutter.name))?;
         cutter.ok.map_or(Ok(()), |proof| proof.check(&cutter.name))?;
         cutter.sense.check(&cutter.name)?;
+        cutter.height.map_or(Ok(()), |height| height.check(&cutter.name))?;
         if let Some(flow) = cutter.abrasive_g_per_min {
             within(&format!("cutter {}: abrasive_g_per_min", cutter.name), flow, 0.0, 10_000.0)?;
             if cutter.abrasive.is_none() {
@@ -450,55 +457,6 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         return Err(NumberedError::new("E2112", what, "leave `ok` out of the others: they run by time"));
     }
     Ok(cutters)
-}
-
-/// Checks that the input that proves a cutter has no other meaning on the card.
-///
-/// # Errors
-/// `E2112`
-pub(crate) fn proofs_are_plain_inputs(cutters: &[CutterConfig], card: &CardConfig) -> Result<(), NumberedError> {
-    for cutter in cutters {
-        let pressure = cutter.jet.and_then(|jet| jet.pressure_input);
-        if let Some(input) = pressure.filter(|&input| {
-            card.input_use(input) != InputUse::Plain || cutter.proof.is_some_and(|proof| proof.input == input)
-        }) {
-            let what = format!("[[cutter]] {}: jet.pressure_input = {input} has another use", cutter.name);
-            return Err(NumberedError::new("E2112", what, "an input with `use = \"plain\"`, for this use only"));
-        }
-        let Some(proof) = &cutter.proof else { continue };
-        if card.input_use(proof.input) != InputUse::Plain {
-            let what =
-                format!("[[cutter]] {}: ok.input = {} has another use in its [[card.input]]", cutter.name, proof.input);
-            return Err(NumberedError::new("E2112", what, "an input with `use = \"plain\"`"));
-        }
-    }
-    Ok(())
-}
-
-/// Gives the collision inputs of the cutters their meaning on the card.
-///
-/// # Errors
-/// `E2112` for an input that does not exist or has another use.
-pub(crate) fn declare_collision_inputs(cutters: &[CutterConfig], card: &mut CardConfig) -> Result<(), NumberedError> {
-    for (cutter, &number) in cutters.iter().flat_map(|cutter| cutter.collision.iter().map(move |n| (cutter, n))) {
-        let refuse = |why: &str| {
-            let what = format!("[[cutter]] {}: collision = [{number}]: {why}", cutter.name);
-            Err(NumberedError::new("E2112", what, "an input from 0 to 15 with `use = \"plain\"`, for this use only"))
-        };
-        if cutters.iter().any(|other| other.proof.is_some_and(|proof| proof.input == number)) {
-            return refuse("it is the input of `ok`");
-        }
-        match card.inputs.get_mut(usize::from(number)) {
-            None => return refuse("there is no such input"),
-            Some(input) if input.used_for == InputUse::Plain => {
-                input.used_for = InputUse::Collision { only_lit: false };
-            }
-            // two cutters on one head share a breakaway
-            Some(input) if matches!(input.used_for, InputUse::Collision { .. }) => {}
-            Some(_) => return refuse("it has another use in its [[card.input]]"),
-        }
-    }
-    Ok(())
 }
 
 /// Rejects a channel that two cutters use, or that does not exist, and duplicate names.

@@ -16,6 +16,8 @@ use crate::card_config::{CardConfig, SPINDLE_PWM_OF_A_BEAM};
 use crate::channel_names::{self, ChannelNames};
 use crate::cost_config::CostConfig;
 use crate::cutter::{self, CutterConfig};
+use crate::cutter_inputs;
+use crate::height_control::HeightControlOfCutter;
 use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutputs};
 use crate::manual_config::{ManualConfig, Written};
 use crate::material_table::MaterialTable;
@@ -194,8 +196,8 @@ impl MachineConfig {
         let off_at_fault = cutter::off_at_fault(&cutters, file.spindle.orient_output);
         let mut card = file.card.checked(&axes, &off_at_fault, file.control_period_ms)?;
         file.cost.as_ref().map_or(Ok(()), |cost| cost.check(&cutters))?;
-        cutter::proofs_are_plain_inputs(&cutters, &card)?;
-        cutter::declare_collision_inputs(&cutters, &mut card)?;
+        cutter_inputs::proofs_are_plain_inputs(&cutters, &card)?;
+        cutter_inputs::declare_collision_inputs(&cutters, &mut card)?;
         let probe = file.probe.checked(&mut card, period_us)?;
         let spindle = file.spindle.checked(&cutters, &card)?;
         let manual_tool_change = file.manual_tool_change.checked(file.tool_change, &probe)?;
@@ -216,6 +218,7 @@ impl MachineConfig {
             return Err(NumberedError::new("E2112", what, "give the pointer an output of its own"));
         }
         sheet_contacts::declare_contacts(&cutters, &axes, setting_up.tool_axis, &mut card)?;
+        cutter_inputs::check_height_inputs(&cutters, &card)?;
         let wheel_periods = (file.wheel.filter_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.full_rate_counts_per_s * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -379,6 +382,14 @@ impl MachineConfig {
         Some(ToolLayer::new(&cutter.sense, cutter.fire, (index, self.axes.get(index)?)))
     }
 
+    /// How the height of the cutter that senses the sheet is controlled, if it is.
+    #[must_use]
+    pub fn height_control(&self) -> Option<HeightControlOfCutter<'_>> {
+        let cutter = self.cutters.iter().find(|cutter| cutter.sense.is_used())?;
+        let axis = self.axes.get(self.setting_up.tool_axis?)?;
+        Some(HeightControlOfCutter::new(cutter.height.as_ref()?, axis, &self.card.analog_inputs))
+    }
+
     /// Length of a test pulse of the cutter that this channel fires, in control periods; 0 without one.
     #[must_use]
     pub fn test_pulse_periods(&self, fire: u8) -> u32 {
@@ -436,7 +447,7 @@ impl MachineConfig {
             path_velocity_mm_s: self.path_velocity_mm_s,
             reserve: self.reserve,
             period_s: self.period_s(),
-            feed_shares: self.powered_beam().is_some(),
+            feed_shares: self.powered_beam().is_some() || self.height_control().is_some(),
         }
     }
 }

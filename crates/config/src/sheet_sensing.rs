@@ -2,7 +2,7 @@
 //!
 //! Invariant: where a checked cutter senses the sheet, the moves of the layer stay within the travel of the tool axis.
 
-use retrace_link::{LayerMove, LayerSettings, OhmicSensing};
+use retrace_link::{HeightControls, LayerMove, LayerSettings, OhmicSensing};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -168,6 +168,7 @@ impl<'m> ToolLayer<'m> {
             pierce: self.pulses(pierce_mm + float_travel_mm),
             cut: self.pulses(cut_mm + float_travel_mm),
             may_skip,
+            control: HeightControls::default(),
             ohmic: OhmicSensing {
                 inputs: self.sensing.ohmic.iter().fold(0, |bits, &number| bits | 1 << number),
                 tries: self.sensing.ohmic_tries,

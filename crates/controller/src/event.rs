@@ -94,6 +94,7 @@ impl CutterOffReason {
             Self::Card(CutterOffCause::Collision) => "collision",
             Self::Card(CutterOffCause::NoSheet) => "no_sheet",
             Self::Card(CutterOffCause::SheetContact) => "sheet_contact",
+            Self::Card(CutterOffCause::HeightLimit) => "height_limit",
             Self::Operator => "operator",
             Self::ProgramEnd => "program_end",
             Self::JobStopped => "job_stopped",
@@ -122,6 +123,10 @@ impl CutterOffReason {
             Self::Card(CutterOffCause::NoSheet) => "no sheet was found; `recover` tries again, `skip contour` goes on",
             Self::Card(CutterOffCause::SheetContact) => {
                 "the contact for sensing is closed over the sheet, or stays closed; check it, then `recover`"
+            }
+            Self::Card(CutterOffCause::HeightLimit) => {
+                "E3036: height control stood at the end of its range; check the sheet, the voltage of the material and \
+                 the consumables, then `recover`"
             }
             Self::NotLatched => {
                 "E3024: it did not take hold where the cut ended; `recover` tries again, `back to pierce` and `cut` \

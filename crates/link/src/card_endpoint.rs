@@ -18,8 +18,8 @@ use crate::sequence::{FirstNumbers, acknowledged_items, is_after};
 use crate::session::{is_next_opening, is_open_epoch};
 use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, kind};
 use crate::{
-    ANALOG_INPUTS, AnalogInputs, CardCore, CardStatus, GearState, HostCommand, Outputs, SpindleStatus, channel,
-    session_key, state_crc,
+    ANALOG_INPUTS, AnalogInputs, CardCore, CardStatus, GearState, HEIGHT_CONTROLS, HeightState, HostCommand, Outputs,
+    SpindleStatus, channel, session_key, state_crc,
 };
 
 mod changes;
@@ -92,6 +92,7 @@ struct ReportedState {
     repeated: u32,
     blocked: bool,
     layer: i32,
+    height: [HeightState; HEIGHT_CONTROLS],
     probe: ReportedLatch,
     spindle: SpindleStatus,
     /// The layer of the last period.
@@ -119,6 +120,7 @@ impl ReportedState {
             repeated: 0,
             blocked: false,
             layer,
+            height: [HeightState::Off; HEIGHT_CONTROLS],
             probe: ReportedLatch::Idle,
             spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0 },
             last_layer: layer,

@@ -152,6 +152,9 @@ pub enum CutterOffCause {
     /// The cutter was not started, since a contact for sensing was closed over the sheet, or did not open. The card
     /// blocks motion as for `NotStarted`.
     SheetContact,
+    /// The height stood at the end of its range for too long. The card brakes on the path and blocks motion as for
+    /// `Lost`.
+    HeightLimit,
 }
 
 impl CutterOffCause {
@@ -159,6 +162,12 @@ impl CutterOffCause {
     #[must_use]
     pub const fn cancels_start(self) -> bool {
         matches!(self, Self::Lost | Self::NotStarted | Self::NoSheet | Self::SheetContact)
+    }
+
+    /// Whether a cutter went off in its cut, which is to be continued where it ended.
+    #[must_use]
+    pub const fn ends_cut(self) -> bool {
+        matches!(self, Self::Lost | Self::HeightLimit)
     }
 
     /// Returns the code on the wire.
@@ -183,6 +192,7 @@ impl CutterOffCause {
             9 => Self::Collision,
             10 => Self::NoSheet,
             11 => Self::SheetContact,
+            12 => Self::HeightLimit,
             _ => return None,
         })
     }

@@ -5,8 +5,7 @@
 //!
 //! Invariant: a layer is within ± [`MAX_LAYER`] pulses.
 
-/// Maximum distance of the layer from 0, in pulses.
-pub const MAX_LAYER: u32 = 1 << 24;
+use crate::height_control::{HeightControls, MAX_LAYER};
 
 /// Settings of the layer: the axis, and how the sheet is sensed. Its limits are those of the axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -52,6 +51,8 @@ pub enum LayerMove {
         may_skip: bool,
         /// Its ohmic contacts.
         ohmic: OhmicSensing,
+        /// Control of the height behind it.
+        control: HeightControls,
     },
     /// Behind the switching the tool goes to this height over the sheet; where no sheet is known, to `highest`.
     OverSheet {

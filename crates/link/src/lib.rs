@@ -23,6 +23,7 @@ pub mod crc;
 mod cutting;
 pub mod frame;
 mod frame_size;
+mod height_control;
 mod host;
 mod layer;
 mod message;
@@ -48,8 +49,11 @@ pub use cutting::{
     BeamPower, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, LINEAR_POWER, MAX_CUTTING_CHANNELS,
     MAX_POWER_EXPONENT, MAX_PROOFS, MAX_PULSE_US, ProofInput, RepeatedInstruction,
 };
+pub use height_control::{
+    HEIGHT_CONTROLS, HeightControlSettings, HeightControls, HeightSource, HeightState, MAX_LAYER, RESUME_SHARE,
+};
 pub use host::{HostEndpoint, LineCounts, LinkError};
-pub use layer::{LayerMove, LayerSettings, MAX_LAYER, OhmicSensing};
+pub use layer::{LayerMove, LayerSettings, OhmicSensing};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
 pub use outputs::{ANALOG_INPUTS, AnalogInputs, Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};

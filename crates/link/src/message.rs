@@ -6,8 +6,8 @@ use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::outputs::{ANALOG_INPUTS, AnalogInputs, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{
-    Alarm, CutterOff, GearState, LayerMove, PathStart, ProbeArming, ProbeLatch, RepeatedInstruction, SpindleStatus,
-    SpindleTask,
+    Alarm, CutterOff, GearState, HEIGHT_CONTROLS, HeightState, LayerMove, PathStart, ProbeArming, ProbeLatch,
+    RepeatedInstruction, SpindleStatus, SpindleTask,
 };
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
@@ -227,6 +227,8 @@ pub struct CardStatus<const A: usize> {
     pub counts: [i64; A],
     /// Layer of the tool axis in pulses, added to the counts of its axis. Over the line, it is reported where it rests.
     pub layer: i32,
+    /// State of the control of the height, if the card has one; see [`CardStatus::height_state`].
+    pub height: [HeightState; HEIGHT_CONTROLS],
     /// Number of the last completed exclusive instruction; when an epoch begins, the number in its start.
     pub executed: u32,
     /// Current output values.
@@ -259,6 +261,12 @@ pub struct CardStatus<const A: usize> {
 }
 
 impl<const A: usize> CardStatus<A> {
+    /// Returns the state of the control of the height.
+    #[must_use]
+    pub const fn height_state(&self) -> HeightState {
+        if let [state, ..] = self.height.as_slice() { *state } else { HeightState::Off }
+    }
+
     /// Returns the status of a card at rest at the start of an epoch, with all counts and outputs zero.
     #[must_use]
     pub const fn at_rest(start: PathStart) -> Self {
@@ -276,6 +284,7 @@ impl<const A: usize> CardStatus<A> {
             increments: [0; A],
             counts: [0; A],
             layer: 0,
+            height: [HeightState::Off; HEIGHT_CONTROLS],
             executed: start.executed,
             outputs: [0; channel::COUNT],
             beam_power: 0,

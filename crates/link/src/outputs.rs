@@ -19,6 +19,12 @@ pub mod channel {
     pub const TOOL: u8 = 68;
     /// Whether the loss of a cutter is not watched: 0 or 1 (M62 P1). 0 when an epoch begins.
     pub const UNWATCHED: u8 = 69;
+    /// Whether the height stays where it is controlled: 0, or anything else (M62 P2, a kerf that is crossed). Only with
+    /// the feature `analog`.
+    pub const HEIGHT_HOLD: u8 = 70;
+    /// What the operator adds to the target of height control, in readings of its analog input. Only with the feature
+    /// `analog`.
+    pub const HEIGHT_OFFSET: u8 = 71;
     /// First analog output (M67, M68). The values of the analog outputs are in units of 1/[`ANALOG_ONE`] of the unit
     /// that the machine file gives them.
     pub const ANALOG: u8 = 72;
@@ -27,9 +33,8 @@ pub mod channel {
     /// Value of an analog output that is at one unit.
     pub const ANALOG_ONE: i32 = 1 << 16;
     /// One more than the highest channel that is not analog.
-    const NOT_ANALOG: u8 = UNWATCHED + 1;
-    /// Number of values in [`Outputs`](super::Outputs): one more than the highest channel. The numbers between the
-    /// other channels and the analog ones are none ([`is_output`]).
+    const NOT_ANALOG: u8 = if cfg!(feature = "analog") { ANALOG } else { UNWATCHED + 1 };
+    /// Number of values in [`Outputs`](super::Outputs): one more than the highest channel.
     pub const COUNT: usize =
         if cfg!(feature = "analog") { ANALOG as usize + ANALOG_OUTPUTS } else { NOT_ANALOG as usize };
     /// No output, on any card: the `after` of an action with this channel is the height over the sheet, in pulses, to

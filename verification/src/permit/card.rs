@@ -10,8 +10,8 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings,
-    HostCommand, InputSetting, InputUse, Instruction, LINEAR_POWER, LayerMove, LayerSettings, OhmicSensing,
-    OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel,
+    HeightControls, HostCommand, InputSetting, InputUse, Instruction, LINEAR_POWER, LayerMove, LayerSettings,
+    OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel,
 };
 
 const TORCH: u8 = 3;
@@ -72,7 +72,15 @@ fn any_moves(draw: &mut Draw) -> Option<LayerMove> {
         0 => {
             let (may_skip, ohmic) = (a & 1 == 0, OhmicSensing { inputs: FLOAT, tries: 1, drop: c });
             let ohmic = if b & 1 == 0 { ohmic } else { OhmicSensing::default() };
-            Some(LayerMove::Start { start: a.max(b), lowest: a.min(b), pierce: c.abs(), cut: d.abs(), may_skip, ohmic })
+            Some(LayerMove::Start {
+                start: a.max(b),
+                lowest: a.min(b),
+                pierce: c.abs(),
+                cut: d.abs(),
+                may_skip,
+                ohmic,
+                control: HeightControls::default(),
+            })
         }
         1 => Some(LayerMove::OverSheet { height: a.abs(), highest: b }),
         2 => Some(LayerMove::To { layer: a }),

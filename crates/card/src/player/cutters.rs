@@ -30,6 +30,31 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.permit.is_lit(self.outputs.values())
     }
 
+    /// Switches the cutting outputs off.
+    pub(crate) fn switch_cutters_off(&mut self, cause: CutterOffCause) {
+        self.permit.switch_off(self.outputs.values_mut(), cause, self.status.place);
+        self.update_status();
+    }
+
+    /// Switches off every cutting output whose permit is missing, at the end of a period. `denied` is the reason why
+    /// none may be on, independent of the path. Returns the alarm of a cutter that stays on.
+    pub(crate) fn apply_permit(&mut self, denied: Option<CutterOffCause>) -> Option<Alarm> {
+        let conditions = PermitConditions { denied, ..self.conditions };
+        let outcome = self.permit.apply_period(self.outputs.values_mut(), &conditions);
+        self.status.cutter_off = outcome.off;
+        if denied.is_some() || outcome.off.is_some() {
+            self.layer.forget_kept_sheet();
+        }
+        if outcome.blocks {
+            self.block = MotionBlock::CutterOff;
+        }
+        if outcome.is_lost {
+            self.switching.cancel_running();
+        }
+        self.update_status();
+        outcome.stays_on.map(|input| Alarm::CutterStaysOn { input })
+    }
+
     /// Cancels the start of a cutter that is switched off manually: neither a further attempt nor the instruction that
     /// waits for its place lights it.
     pub(super) fn cancel_start(&mut self, change: OutputChange) {

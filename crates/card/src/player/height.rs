@@ -4,14 +4,20 @@
 //! on; otherwise it comes to rest and stays.
 
 use retrace_core::{Place, Rate};
-use retrace_link::{CardSettings, CutterOffCause};
+use retrace_link::{
+    AnalogInputs, CardSettings, CutterOffCause, HeightControlSettings, HeightSource, LayerMove, channel,
+};
 
 use super::{MotionBlock, Player};
 use crate::window::RecordStorage;
+use crate::{HeightConditions, HeightOrder};
 
 impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
     /// Begins an epoch for the layer: one that is not kept becomes part of the counts.
     pub(super) fn open_layer(&mut self, settings: &CardSettings<A>, most: u16) {
+        for control in &mut self.height {
+            control.configure(&HeightControlSettings::default());
+        }
         let axis = settings.layer.map_or(0, |layer| usize::from(layer.axis));
         let limits = settings.limits.axes().get(axis).copied().unwrap_or_default();
         if let Some((axis, layer)) = self.layer.configure(settings.layer, &limits, most, settings.start.keeps_layer)
@@ -23,8 +29,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Runs one control period of the layer, with these inputs active. Where the requested rate is 0, an instruction of
     /// the program waits with its moves, and with what it switches behind them; not with a cutter that is on.
-    pub(super) fn run_layer(&mut self, active: u16) {
+    pub(super) fn run_layer(&mut self, active: u16, analog: &AnalogInputs) {
         let is_lit = self.is_lit();
+        self.control_height(active, analog);
         if !(self.switching.is_busy() || self.layer.is_beside() && is_lit) {
             self.layer.stop();
         }
@@ -44,6 +51,62 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let increment =
             record.zip(self.layer.axis()).and_then(|(of, axis)| of.increments.get(usize::from(axis)).copied());
         increment.is_some_and(|increment| increment != 0)
+    }
+
+    /// Whether the height is controlled while a cutter is on.
+    pub(super) fn controls_height(&self) -> bool {
+        self.height.first().is_some_and(|control| control.settings().source != HeightSource::None)
+    }
+
+    /// Runs the control of the height for one control period, which moves the layer beside the path.
+    fn control_height(&mut self, active: u16, analog: &AnalogInputs) {
+        if !self.controls_height() {
+            return;
+        }
+        let outputs = self.outputs.values();
+        let value = |channel: u8| outputs.get(usize::from(channel)).copied().unwrap_or(0);
+        let is_busy = self.switching.is_busy();
+        let (is_proven, is_steady) = self.permit.proven(outputs).unwrap_or((false, false));
+        let path_moves = self.path_moves_layer_axis();
+        let axis = self.layer.axis().map_or(0, usize::from);
+        if let Some(&moved) = self.status.increments.get(axis) {
+            self.layer.shift_bounds(moved);
+        }
+        let mut now = HeightConditions {
+            is_cutting: is_proven && !is_busy && self.status.rate >= Rate::ZERO,
+            is_free: self.layer.is_free() && !path_moves,
+            feed_share: u32::try_from(self.feed_share >> 32).unwrap_or(u32::MAX),
+            is_slow_ahead: false,
+            is_held: !is_steady || value(channel::HEIGHT_HOLD) != 0,
+            inputs: active,
+            reading: None,
+            offset: value(channel::HEIGHT_OFFSET),
+            layer: self.layer.layer(),
+            bounds: self.layer.bounds(),
+        };
+        let (here, window) = (self.status.place.record, &self.window);
+        let Some(control) = self.height.first_mut() else { return };
+        if let HeightSource::Volts { input } = control.settings().source {
+            now.reading = analog.get(usize::from(input)).copied().flatten();
+        }
+        now.is_slow_ahead = now.is_cutting && control.look_ahead(here, |n| window.record(n));
+        match control.run_period(&now) {
+            HeightOrder::None => self.layer.end_steering(),
+            HeightOrder::Stay => self.layer.stop(),
+            HeightOrder::Toward { end, speed } => self.layer.steer(end, speed),
+        }
+        if control.has_failed() {
+            self.switch_cutters_off(CutterOffCause::HeightLimit);
+            self.block = MotionBlock::CutterOff;
+        }
+    }
+
+    /// Sets how the height of a cut is controlled, where these moves begin one.
+    pub(super) fn begin_height_control(&mut self, moves: Option<LayerMove>) {
+        let Some(LayerMove::Start { control: settings, .. }) = moves else { return };
+        for (control, settings) in self.height.iter_mut().zip(&settings) {
+            control.configure(settings);
+        }
     }
 
     /// Whether the layer moves and the path must rest.

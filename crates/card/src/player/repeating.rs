@@ -26,6 +26,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
         let has_encoder = self.followed.first().is_some_and(|followed| followed.monitor.settings().is_some());
         self.switching.repeat(repeated, &mut self.outputs, &mut self.layer, has_encoder)?;
+        self.begin_height_control(repeated.layer);
         if let MotionBlock::Restart { begun, .. } = &mut self.block {
             *begun = true;
         }

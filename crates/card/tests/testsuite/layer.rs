@@ -8,11 +8,11 @@ use common::{PLAIN, STOP, TestCard, identity, levels, settings};
 use proptest::prelude::*;
 use retrace_card::{LayerDrive, LayerProgress};
 use retrace_core::limits::PulseLimits;
-use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
+use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
-    HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER, OhmicSensing,
-    OutputChange, PathStart, RepeatedInstruction, channel,
+    HeightControlSettings, HeightSource, HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
+    MAX_LAYER, OhmicSensing, OutputChange, PathStart, RepeatedInstruction, channel,
 };
 
 pub(crate) const TORCH: u8 = channel::SPINDLE;
@@ -25,7 +25,25 @@ const PULSE: u64 = 1 << 32;
 /// The ohmic contact, where a test uses it.
 const OHMIC: u16 = 1 << 2;
 
-const SETTINGS: LayerSettings =
+pub(crate) const NO_CONTROL: HeightControlSettings = HeightControlSettings {
+    source: HeightSource::None,
+    target: 0,
+    speed: 0,
+    gain: 0,
+    filter: 0,
+    band: 0,
+    slope: 0,
+    void_periods: 0,
+    up: 0,
+    down: 0,
+    delay_periods: 0,
+    samples: 0,
+    hold_below: FeedShare::NONE,
+    look_periods: 0,
+    limit_periods: 0,
+};
+
+pub(crate) const SETTINGS: LayerSettings =
     LayerSettings { axis: Z as u8, contacts: FLOAT, probe_speed: 4 << 16, latch_speed: 1 << 14 };
 
 pub(crate) fn layer_settings(epoch: u16) -> CardSettings<2> {
@@ -48,6 +66,8 @@ pub(crate) struct Table {
     pub(crate) position: i64,
     pub(crate) levels: u16,
     pub(crate) is_silent: bool,
+    /// Reading of analog input 1.
+    pub(crate) reading: Option<u16>,
     /// Increments of the tool axis.
     pub(crate) increments: Vec<i64>,
     /// Positions at which the torch was on.
@@ -63,7 +83,17 @@ impl Table {
         let mut card = TestCard::new(identity()).expect("a memory");
         card.open(settings).expect("fit");
         let (increments, lit_at) = (Vec::new(), Vec::new());
-        let mut table = Self { card, sheet, tip: None, position: 0, levels: 0, is_silent: false, increments, lit_at };
+        let mut table = Self {
+            card,
+            sheet,
+            tip: None,
+            position: 0,
+            levels: 0,
+            is_silent: false,
+            reading: None,
+            increments,
+            lit_at,
+        };
         for place in 0..20 {
             let flags = if place % 20 == 19 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [5, 0], flags, ..Record::default() };
@@ -87,7 +117,9 @@ impl Table {
         let touches = self.sheet.is_some_and(|sheet| self.position <= sheet);
         let tips = self.tip.is_some_and(|tip| self.position <= tip);
         let contacts = if touches { FLOAT } else { 0 } | if tips { OHMIC } else { 0 };
-        let status = *self.card.run_period(levels(self.levels | contacts));
+        let mut levels = levels(self.levels | contacts);
+        levels.analog[1] = self.reading;
+        let status = *self.card.run_period(levels);
         self.increments.push(i64::from(self.card.pulses()[Z]));
         self.position += i64::from(self.card.pulses()[Z]);
         // The machine is where the path and the layer are, in every period.
@@ -143,8 +175,15 @@ pub(crate) fn instruction(number: u32, torch: Option<i32>, layer: LayerMove) -> 
 }
 
 const NO_OHMIC: OhmicSensing = OhmicSensing { inputs: 0, tries: 0, drop: 0 };
-pub(crate) const START: LayerMove =
-    LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45, may_skip: false, ohmic: NO_OHMIC };
+pub(crate) const START: LayerMove = LayerMove::Start {
+    start: -300,
+    lowest: -2000,
+    pierce: 120,
+    cut: 45,
+    may_skip: false,
+    ohmic: NO_OHMIC,
+    control: [NO_CONTROL],
+};
 
 /// The torch is lit at the pierce height over the sheet that was found, the feed begins at the height of the cut, and
 /// the layer is 0 again at the end: to the pulse.
@@ -275,8 +314,11 @@ fn at_the_end(sheet: i64) -> Table {
 /// Starts and ends a cut at the place of the cursor; returns the lowest position in the start, before the torch is lit.
 fn cut(table: &mut Table, number: u32, may_skip: bool) -> i64 {
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let begin =
-        instruction(number, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic: NO_OHMIC });
+    let begin = instruction(
+        number,
+        Some(1),
+        LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic: NO_OHMIC, control: [NO_CONTROL] },
+    );
     table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..begin }));
     table.lit_at.clear();
     let mut deepest = table.position;
@@ -364,8 +406,11 @@ fn a_contact_on_the_way_to_a_known_sheet_lights_nothing() {
     table.sheet = Some(-700);
     table.lit_at.clear();
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let start =
-        instruction(3, Some(1), LayerMove::Start { start, lowest, pierce, cut, may_skip: true, ohmic: NO_OHMIC });
+    let start = instruction(
+        3,
+        Some(1),
+        LayerMove::Start { start, lowest, pierce, cut, may_skip: true, ohmic: NO_OHMIC, control: [NO_CONTROL] },
+    );
     table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..start }));
     let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
     assert_eq!((off.cause, off.channels), (CutterOffCause::SheetContact, 0));
@@ -383,7 +428,7 @@ fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
     settings.layer = Some(LayerSettings { contacts: FLOAT | OHMIC, ..SETTINGS });
     let ohmic = OhmicSensing { inputs: OHMIC, tries, drop: travel as i32 };
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let ohmic_start = LayerMove::Start { start, lowest, pierce, cut, may_skip: false, ohmic };
+    let ohmic_start = LayerMove::Start { start, lowest, pierce, cut, may_skip: false, ohmic, control: [NO_CONTROL] };
     // Closes at once, in the second attempt and in the last, and never.
     for closes_from in [0, 1, tries, tries + 1, u8::MAX] {
         let mut table = Table::with(Some(sheet - travel), &settings);

@@ -6,6 +6,7 @@ mod beam_power;
 mod common;
 mod cutter_proof;
 mod epochs;
+mod height_control;
 mod layer;
 mod layer_beside;
 mod order;

@@ -4,7 +4,7 @@
 
 use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, RecordIndex};
-use retrace_link::{CutterOff, CutterOffCause, MotionCard};
+use retrace_link::{CutterOff, MotionCard};
 
 use super::Session;
 use super::restart::LeavingRun;
@@ -33,7 +33,7 @@ const MAX_MEASURED_RECORDS: i64 = 20_000;
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Records where a cut ended, if a cutter went out in it.
     pub(super) fn record_cut_end(&mut self, off: CutterOff) {
-        let lost = off.cause == CutterOffCause::Lost;
+        let lost = off.cause.ends_cut();
         // On a lead-in nothing of the path is cut.
         if !self.is_executing() || self.is_on_lead_in() {
             return;

@@ -246,7 +246,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let interrupts = match off.cause {
             // At a stop of the program, *recover* continues a program that is held.
             CutterOffCause::Standing => !is_cut_to_its_end || self.program_stop != ProgramStop::No || self.single_stop,
-            cause => cause.cancels_start(),
+            cause => cause.cancels_start() || cause.ends_cut(),
         };
         if off.cause.cancels_start() {
             // The card has cancelled what it was executing: an instruction, or a step of a restart.

@@ -4,7 +4,7 @@
 
 use super::{CardEndpoint, EntryStorage, ReportedLatch};
 use crate::wire::ReportEntry;
-use crate::{CardStatus, OutputChange, ProbeLatch, SpindleStatus};
+use crate::{CardStatus, HeightState, OutputChange, ProbeLatch, SpindleStatus};
 
 impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
     /// Adds entries for every difference from the state that the host knows.
@@ -96,11 +96,18 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
 
     /// Adds entries for changes of the cutting outputs, of repeated instructions and of the block.
     fn push_cutting_changes(&mut self, status: &CardStatus<A>) {
-        // Where it rests: an instruction is complete only then.
+        // Where it rests, since an instruction is complete only then; where the height is controlled, also once in an
+        // interval of the reports.
         let rests = core::mem::replace(&mut self.reported.last_layer, status.layer) == status.layer;
-        if rests && status.layer != self.reported.layer {
+        let is_due =
+            status.height_state() != HeightState::Off && status.period.is_multiple_of(u64::from(self.report_periods));
+        if (rests || is_due) && status.layer != self.reported.layer {
             self.reported.layer = status.layer;
             self.push(ReportEntry::Layer(status.layer));
+        }
+        if status.height != self.reported.height {
+            self.reported.height = status.height;
+            self.push(ReportEntry::Height(status.height_state()));
         }
         if let Some(off) = status.cutter_off {
             self.push(ReportEntry::CutterOff(off));

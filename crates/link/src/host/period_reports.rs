@@ -8,7 +8,7 @@ use retrace_core::playback::emission;
 
 use super::{HostEndpoint, LinkError};
 use crate::wire::ReportEntry;
-use crate::{CardStatus, ProbeLatch, counts_at_edge, state_crc};
+use crate::{CardStatus, HEIGHT_CONTROLS, ProbeLatch, counts_at_edge, state_crc};
 
 impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
     HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
@@ -61,6 +61,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
             ReportEntry::Repeated(number) => self.status.repeated = number,
             ReportEntry::Blocked(blocked) => self.status.blocked = blocked,
             ReportEntry::Layer(layer) => self.status.layer = layer,
+            ReportEntry::Height(state) => self.status.height = [state; HEIGHT_CONTROLS],
             ReportEntry::ProbeArmed => self.status.probe = ProbeLatch::Armed,
             ReportEntry::ProbeEdge(part) => {
                 let CardStatus { counts, increments, .. } = &self.status;

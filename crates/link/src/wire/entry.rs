@@ -11,7 +11,7 @@
 use retrace_core::{Distance, Place, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
-use crate::{ANALOG_INPUTS, Alarm, CutterOff, CutterOffCause, GearState, OutputChange};
+use crate::{ANALOG_INPUTS, Alarm, CutterOff, CutterOffCause, GearState, HeightState, OutputChange};
 
 /// One reported event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -64,6 +64,8 @@ pub enum ReportEntry {
         /// Reading in units of 2⁻¹⁶ of the range.
         reading: u16,
     },
+    /// State of the control of the height.
+    Height(HeightState),
     /// State of the gear, and the largest lag in units of 2⁻¹⁶ records.
     Gear(GearState, u32),
 }
@@ -90,6 +92,7 @@ mod extended {
     pub(super) const BLOCKED: u8 = 0x02;
     pub(super) const REPEAT_REFUSED: u8 = 0x03;
     pub(super) const LAYER: u8 = 0x04;
+    pub(super) const HEIGHT: u8 = 0x05;
     pub(super) const PROBE_ARMED: u8 = 0x20;
     pub(super) const PROBE_EDGE: u8 = 0x21;
     pub(super) const PROBE_TOUCHED: u8 = 0x22;
@@ -174,6 +177,7 @@ impl ReportEntry {
                 writer.slice(&[EXTENDED, extended::LAYER])?;
                 writer.signed(i64::from(layer))
             }
+            Self::Height(state) => writer.slice(&[EXTENDED, extended::HEIGHT, state.to_wire()]),
             Self::ProbeArmed => writer.slice(&[EXTENDED, extended::PROBE_ARMED]),
             Self::ProbeEdge(part) => {
                 writer.slice(&[EXTENDED, extended::PROBE_EDGE])?;
@@ -241,6 +245,7 @@ impl ReportEntry {
             extended::BLOCKED => Self::Blocked(reader.u8()? != 0),
             extended::REPEAT_REFUSED => Self::RepeatRefused(reader.u32()?),
             extended::LAYER => Self::Layer(reader.signed32()?),
+            extended::HEIGHT => Self::Height(HeightState::from_wire(reader.u8()?)?),
             extended::PROBE_ARMED => Self::ProbeArmed,
             extended::PROBE_EDGE => Self::ProbeEdge(reader.u16()?),
             extended::PROBE_TOUCHED => Self::ProbeTouched,

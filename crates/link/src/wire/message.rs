@@ -5,11 +5,12 @@
 use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
-    GearStart, HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing,
-    OutputAction, OutputChange, ProbeArming, RepeatedInstruction, SpindleControl, SpindleTask,
+    GearStart, HeightControlSettings, HeightControls, HeightSource, HomingCommand, HostCommand, Ignition, InputWait,
+    Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction, OutputChange, ProbeArming, RepeatedInstruction,
+    SpindleControl, SpindleTask,
 };
 use retrace_core::gear::GearLimits;
-use retrace_core::{Distance, Rate, RecordIndex};
+use retrace_core::{Distance, FeedShare, Rate, RecordIndex};
 
 mod tag {
     pub(super) const PLACE_AHEAD: u8 = 0x01;
@@ -291,25 +292,72 @@ fn read_spindle_task(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<S
 /// Flags in the kind of a start: it may do without sensing the sheet; its ohmic contacts follow.
 const MAY_SKIP: u8 = 4;
 const HAS_OHMIC: u8 = 8;
+const HAS_CONTROL: u8 = 16;
 
 fn write_layer(writer: &mut ByteWriter<'_>, moves: LayerMove) -> Option<()> {
     let (kind, values) = match moves {
-        LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic } => {
-            let flags = if may_skip { MAY_SKIP } else { 0 } | if ohmic.inputs == 0 { 0 } else { HAS_OHMIC };
+        LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control } => {
+            let control = control.first().filter(|control| control.source != HeightSource::None);
+            let flag = |flag: u8, so: bool| if so { flag } else { 0 };
+            let flags =
+                flag(MAY_SKIP, may_skip) | flag(HAS_OHMIC, ohmic.inputs != 0) | flag(HAS_CONTROL, control.is_some());
             writer.u8(flags)?;
             [start, lowest, pierce, cut].iter().try_for_each(|&value| writer.signed(i64::from(value)))?;
-            if ohmic.inputs == 0 {
-                return Some(());
+            if ohmic.inputs != 0 {
+                writer.u16(ohmic.inputs)?;
+                writer.u8(ohmic.tries)?;
+                writer.signed(i64::from(ohmic.drop))?;
             }
-            writer.u16(ohmic.inputs)?;
-            writer.u8(ohmic.tries)?;
-            return writer.signed(i64::from(ohmic.drop));
+            return control.map_or(Some(()), |control| write_height_control(writer, control));
         }
         LayerMove::OverSheet { height, highest } => (1, [height, highest]),
         LayerMove::To { layer } => (2, [layer, 0]),
     };
     writer.u8(kind)?;
     values.iter().take(3 - usize::from(kind)).try_for_each(|&value| writer.signed(i64::from(value)))
+}
+
+fn write_height_control(writer: &mut ByteWriter<'_>, of: &HeightControlSettings) -> Option<()> {
+    match of.source {
+        HeightSource::None => return None,
+        HeightSource::Volts { input } => writer.slice(&[0, input, 0])?,
+        HeightSource::UpDown { up, down } => writer.slice(&[1, up, down])?,
+    }
+    writer.u16(of.target)?;
+    writer.signed(i64::from(of.gain))?;
+    for value in [of.speed, of.slope, of.up, of.down] {
+        writer.count(u64::from(value))?;
+    }
+    let periods = [of.void_periods, of.delay_periods, of.samples, of.look_periods, of.limit_periods];
+    for value in [of.filter, of.band, of.hold_below.units()].into_iter().chain(periods) {
+        writer.count(u64::from(value))?;
+    }
+    Some(())
+}
+
+fn read_height_control(reader: &mut ByteReader<'_>) -> Option<HeightControlSettings> {
+    let source = match (reader.u8()?, reader.u8()?, reader.u8()?) {
+        (0, input, 0) => HeightSource::Volts { input },
+        (1, up, down) => HeightSource::UpDown { up, down },
+        _ => return None,
+    };
+    Some(HeightControlSettings {
+        source,
+        target: reader.u16()?,
+        gain: reader.signed32()?,
+        speed: reader.count32()?,
+        slope: reader.count32()?,
+        up: reader.count32()?,
+        down: reader.count32()?,
+        filter: reader.count16()?,
+        band: reader.count16()?,
+        hold_below: FeedShare::from_units(reader.count16()?),
+        void_periods: reader.count16()?,
+        delay_periods: reader.count16()?,
+        samples: reader.count16()?,
+        look_periods: reader.count16()?,
+        limit_periods: reader.count16()?,
+    })
 }
 
 /// Reads the moves of the layer, if the count of changes has their flag. Returns `None` if the bytes are invalid.
@@ -319,7 +367,7 @@ fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMov
         return Some(None);
     }
     Some(Some(match reader.u8()? {
-        flags if flags & !(MAY_SKIP | HAS_OHMIC) == 0 => LayerMove::Start {
+        flags if flags & !(MAY_SKIP | HAS_OHMIC | HAS_CONTROL) == 0 => LayerMove::Start {
             start: reader.signed32()?,
             lowest: reader.signed32()?,
             pierce: reader.signed32()?,
@@ -329,6 +377,15 @@ fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMov
                 OhmicSensing::default()
             } else {
                 OhmicSensing { inputs: reader.u16()?, tries: reader.u8()?, drop: reader.signed32()? }
+            },
+            control: {
+                let mut control = HeightControls::default();
+                if flags & HAS_CONTROL != 0 {
+                    let told = read_height_control(reader)?;
+                    // a card without height control refuses it
+                    *control.first_mut()? = told;
+                }
+                control
             },
         },
         1 => LayerMove::OverSheet { height: reader.signed32()?, highest: reader.signed32()? },

@@ -548,10 +548,10 @@ fn channels_that_do_not_exist_are_refused() {
     repeated.changes[1] = change(channel::COUNT);
     for command in [
         HostCommand::Action(action(usize::from(channel::HEIGHT) + 1)),
-        HostCommand::Action(action(usize::from(channel::UNWATCHED) + 1)),
+        HostCommand::Action(action(channel::COUNT + 1)),
         HostCommand::Action(action(255)),
         HostCommand::ManualOutput(change(usize::from(channel::HEIGHT))),
-        HostCommand::ManualOutput(change(usize::from(channel::ANALOG) - 1)),
+        HostCommand::ManualOutput(change(channel::COUNT)),
         HostCommand::Repeat(repeated),
     ] {
         assert_eq!(bench.host.send(command), Err(CommandRefusal::NoSuchChannel));

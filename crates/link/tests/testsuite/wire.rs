@@ -10,10 +10,29 @@ use retrace_link::wire::{
 };
 use retrace_link::{
     ANALOG_INPUTS, Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel,
-    CuttingSettings, GearStart, GearState, HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait,
-    Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing,
-    OutputAction, OutputChange, PROTOCOL, PathStart, ProbeArming, ProofInput, RepeatedInstruction, SpindleControl,
-    SpindlePwm, SpindleSettings, SpindleTask,
+    CuttingSettings, GearStart, GearState, HeightControlSettings, HeightSource, HeightState, HomingCommand,
+    HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
+    MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart,
+    ProbeArming, ProofInput, RepeatedInstruction, SpindleControl, SpindlePwm, SpindleSettings, SpindleTask,
+};
+
+/// Every value at its largest.
+const HEIGHT_CONTROL: HeightControlSettings = HeightControlSettings {
+    source: HeightSource::Volts { input: 3 },
+    target: u16::MAX,
+    speed: u32::MAX,
+    gain: i32::MIN,
+    filter: u16::MAX,
+    band: u16::MAX,
+    slope: u32::MAX,
+    void_periods: 1,
+    up: u32::MAX,
+    down: u32::MAX,
+    delay_periods: u16::MAX,
+    samples: u16::MAX,
+    hold_below: FeedShare::from_units(u16::MAX),
+    look_periods: u16::MAX,
+    limit_periods: u16::MAX,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -82,10 +101,19 @@ fn spindle_task() -> impl Strategy<Value = Option<SpindleTask>> {
 }
 
 fn layer() -> impl Strategy<Value = Option<LayerMove>> {
-    let start = (any::<([i32; 4], bool)>(), prop::option::of((1..u16::MAX, any::<u8>(), any::<i32>()))).prop_map(
-        |(([start, lowest, pierce, cut], may_skip), ohmic)| {
+    let control = prop_oneof![
+        Just(HeightControlSettings::default()),
+        Just(HEIGHT_CONTROL),
+        any::<u16>().prop_map(|target| {
+            let source = HeightSource::UpDown { up: 15, down: 0 };
+            HeightControlSettings { source, target, gain: i32::MAX, filter: 0, up: 7, ..HEIGHT_CONTROL }
+        }),
+    ];
+    let ohmic = prop::option::of((1..u16::MAX, any::<u8>(), any::<i32>()));
+    let start = (any::<([i32; 4], bool)>(), ohmic, control).prop_map(
+        |(([start, lowest, pierce, cut], may_skip), ohmic, control)| {
             let ohmic = ohmic.map(|(inputs, tries, drop)| OhmicSensing { inputs, tries, drop }).unwrap_or_default();
-            LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic }
+            LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] }
         },
     );
     let over = any::<[i32; 2]>().prop_map(|[height, highest]| LayerMove::OverSheet { height, highest });
@@ -170,6 +198,7 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<bool>().prop_map(ReportEntry::Blocked),
         any::<u32>().prop_map(ReportEntry::RepeatRefused),
         any::<i32>().prop_map(ReportEntry::Layer),
+        (0u8..5).prop_map(|code| ReportEntry::Height(HeightState::from_wire(code).expect("a state"))),
         Just(ReportEntry::ProbeArmed),
         any::<u16>().prop_map(ReportEntry::ProbeEdge),
         Just(ReportEntry::ProbeTouched),

@@ -1,0 +1,383 @@
+//! Height control: the layer follows the arc voltage, or two inputs, while the torch cuts (CUT-49 to CUT-53).
+//!
+//! Invariant: the machine is where the path and the layer are, in every period; the table asserts it.
+
+use proptest::prelude::*;
+use retrace_card::InputLevels;
+use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
+use retrace_link::{
+    CardCore, CardStatus, CommandRefusal, CutterOffCause, HeightControlSettings, HeightSource, HeightState,
+    HostCommand, InputSetting, LayerMove, OutputChange, channel,
+};
+
+use crate::layer::{NO_CONTROL, START, TORCH, Table, Z, instruction, layer_settings};
+
+const SHEET: i64 = -900;
+/// Where the torch is when it begins to cut.
+const CUT: i64 = SHEET + 1 + 45;
+/// Reading at the cutting height, and for a pulse.
+const TARGET: u16 = 30_000;
+const PER_PULSE: i64 = 40;
+
+/// Two pulses per period at most; a tenth of the error in pulses per period.
+pub(crate) const VOLTS: HeightControlSettings = HeightControlSettings {
+    source: HeightSource::Volts { input: 1 },
+    target: TARGET,
+    speed: 2 << 16,
+    gain: ((1 << 32) / (10 * PER_PULSE)) as i32,
+    filter: 1 << 14,
+    band: 40,
+    slope: 200 << 16,
+    void_periods: 500,
+    up: 200,
+    down: 150,
+    delay_periods: 40,
+    samples: 10,
+    hold_below: FeedShare::from_units(29_491),
+    look_periods: 30,
+    limit_periods: 50,
+    ..NO_CONTROL
+};
+
+/// A torch that cuts along a path.
+struct Cut {
+    table: Table,
+    /// Speed of each record of the path, in units of 2⁻¹⁵ of the feed.
+    share: fn(u32) -> u16,
+    /// Height of the sheet over the one that was sensed, by place.
+    sheet: fn(u32) -> i64,
+    /// What the arc adds to a reading, by place.
+    noise: fn(u32) -> i64,
+    records: u32,
+}
+
+impl Cut {
+    fn new(control: HeightControlSettings, records: u32) -> Self {
+        let LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, .. } = START else { unreachable!() };
+        let start = LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] };
+        let mut settings = layer_settings(1);
+        settings.inputs[3] = InputSetting::default();
+        let mut table = Table::with(Some(SHEET), &settings);
+        table.send(HostCommand::Trim { high: RecordIndex::new(0) });
+        table.instruct(1, Some(1), start);
+        table.send(HostCommand::rate(Rate::ONE));
+        let mut cut = Self { table, share: |_| FeedShare::FEED.units(), sheet: |_| 0, noise: |_| 0, records };
+        cut.fill();
+        cut.table.until_executed(1);
+        assert_eq!(cut.table.position, CUT);
+        cut.table.increments.clear();
+        cut
+    }
+
+    fn with_share(mut self, share: fn(u32) -> u16) -> Self {
+        self.share = share;
+        self.table.send(HostCommand::Trim { high: RecordIndex::new(8) });
+        self
+    }
+
+    fn fill(&mut self) {
+        for place in self.table.status().high.number()..self.records {
+            let flags = if place + 1 == self.records { Flags::REST } else { Flags::NONE };
+            let share = (self.share)(place);
+            let increments = [(5 * u32::from(share) >> 15) as i16, 0];
+            let record = Record { increments, flags, feed_share: FeedShare::from_units(share), ..Record::default() };
+            if self.table.card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn place(&self) -> u32 {
+        self.table.status().place.record.number()
+    }
+
+    /// Height of the torch over the one at which the cut began.
+    fn error(&self) -> i64 {
+        self.table.position - CUT - (self.sheet)(self.place())
+    }
+
+    fn period(&mut self) -> CardStatus<2> {
+        self.fill();
+        let reading = i64::from(TARGET) + PER_PULSE * self.error() + (self.noise)(self.place());
+        self.table.reading = Some(reading.clamp(0, 65_535) as u16);
+        self.table.period()
+    }
+
+    fn periods(&mut self, count: u32) -> CardStatus<2> {
+        for _ in 0..count {
+            self.period();
+        }
+        self.table.status()
+    }
+
+    /// Runs to the end of the path; returns the errors and the statuses.
+    fn to_end(&mut self) -> Vec<(u32, i64, CardStatus<2>)> {
+        let mut seen = Vec::new();
+        while self.table.status().place != Place::start_of(RecordIndex::new(self.records)) {
+            let status = self.period();
+            seen.push((self.place(), self.error(), status));
+            assert!(seen.len() < 20_000, "{status:?}");
+        }
+        seen
+    }
+}
+
+/// A sheet that rises by a pulse in 12 periods, then falls: the torch stays within 3 pulses of its height, the path is
+/// the same to the pulse, and the axis is within its limits.
+#[test]
+fn the_torch_follows_a_warped_sheet() {
+    let warped = |place: u32| i64::from(place.min(1000)) / 12 - i64::from(place.max(1000) - 1000) / 12;
+    let mut cut = Cut::new(VOLTS, 2000);
+    cut.sheet = warped;
+    cut.noise = |place| i64::from(place * 7919 % 61) - 30;
+    let seen = cut.to_end();
+    let behind_the_delay = seen.iter().filter(|seen| seen.0 > 120);
+    let worst = behind_the_delay.map(|&(_, error, _)| error.abs()).max().unwrap_or_default();
+    assert!(worst <= 3, "{worst} pulses");
+    assert_eq!(seen.last().map(|seen| seen.2.counts), Some([5 * 2000, 0]), "the path is exact");
+    assert!(seen.iter().any(|seen| seen.2.height_state() == HeightState::Active));
+    let layer = seen[0].2.layer;
+    assert!(seen[1..40].iter().all(|seen| seen.2.height_state() == HeightState::Waiting && seen.2.layer == layer));
+    cut.table.assert_limits();
+    // The end of the cut goes where it would have gone.
+    let mut end = instruction(2, Some(0), LayerMove::To { layer: 0 });
+    end.place = RecordIndex::new(2000);
+    cut.table.send(HostCommand::Instruction(end));
+    cut.table.until_executed(2);
+    assert_eq!(
+        (cut.table.position, cut.table.status().layer, cut.table.status().height_state()),
+        (0, 0, HeightState::Off)
+    );
+}
+
+/// The mean reading where the control takes over is the target, whatever the operator adds to it.
+#[test]
+fn a_target_is_sampled_and_the_operator_adds_to_it() {
+    let mut cut = Cut::new(HeightControlSettings { target: 0, ..VOLTS }, 2000);
+    cut.noise = |_| 4_000;
+    let layer = cut.table.status().layer;
+    cut.periods(300);
+    assert_eq!(cut.table.status().layer, layer, "the voltage is what it was");
+    let by = OutputChange { channel: channel::HEIGHT_OFFSET, value: 20 * PER_PULSE as i32 };
+    cut.table.send(HostCommand::ManualOutput(by));
+    let status = cut.periods(300);
+    assert!((19..=20).contains(&(status.layer - layer)), "{} pulses higher", status.layer - layer);
+    // A known target is another height.
+    let mut cut = Cut::new(VOLTS, 2000);
+    cut.noise = |_| 4_000;
+    let down = layer - cut.periods(500).layer;
+    assert!((98..=100).contains(&down), "{down} pulses lower");
+}
+
+/// A corner: the sheet seems to rise, as it does where an arc is slow, and the height does not change by a pulse from
+/// before the corner until the feed is reached again.
+#[test]
+fn the_height_stays_in_a_corner() {
+    let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 1200)
+        .with_share(|place| if (600..640).contains(&place) { 16_384 } else { 1 << 15 });
+    cut.noise = |place| if (590..660).contains(&place) { -3_000 } else { 0 };
+    let seen = cut.to_end();
+    let in_corner = seen.iter().filter(|seen| (595..=640).contains(&seen.0));
+    let layers: Vec<i32> = in_corner.clone().map(|seen| seen.2.layer).collect();
+    assert!(layers.iter().all(|&layer| layer == layers[0]), "{layers:?}");
+    assert!(in_corner.clone().all(|seen| seen.2.height_state() == HeightState::Held));
+    assert!(seen.iter().any(|seen| seen.0 > 645 && seen.2.layer != layers[0]), "and then it is controlled again");
+}
+
+/// The override of the operator slows the feed down: the height stays.
+#[test]
+fn the_height_stays_while_the_feed_is_reduced() {
+    let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 2000);
+    cut.periods(200);
+    cut.table.send(HostCommand::rate(Rate::ONE / 2));
+    cut.periods(60);
+    cut.noise = |_| 3_000;
+    let layer = cut.table.status().layer;
+    assert_eq!((cut.periods(200).layer, cut.table.status().height_state()), (layer, HeightState::Held));
+    cut.table.send(HostCommand::rate(Rate::ONE));
+    assert_ne!(cut.periods(200).layer, layer);
+}
+
+/// A void: the voltage jumps, stays, and comes back. The torch does not dive.
+#[test]
+fn the_height_stays_over_a_void() {
+    for length in [30, 400] {
+        let mut cut = Cut::new(VOLTS, 1200);
+        cut.noise = if length == 30 {
+            |place| if (500..530).contains(&place) { 6_000 } else { 0 }
+        } else {
+            |place| if (500..900).contains(&place) { 6_000 } else { 0 }
+        };
+        let seen = cut.to_end();
+        let dive = seen.iter().filter(|seen| seen.0 > 120).map(|seen| -seen.1).max().unwrap_or_default();
+        assert!(dive <= 2, "{dive} pulses");
+        assert!(seen.iter().any(|seen| (505..530).contains(&seen.0) && seen.2.height_state() == HeightState::Held));
+        assert!(
+            seen.iter().any(|seen| seen.0 > 950 && seen.2.height_state() == HeightState::Active),
+            "and then it goes on"
+        );
+    }
+}
+
+/// A voltage that does not come back is that of another height, behind the longest void.
+#[test]
+fn a_void_is_not_endless() {
+    let mut cut = Cut::new(VOLTS, 3000);
+    cut.periods(300);
+    cut.noise = |_| 3_000;
+    let layer = cut.table.status().layer;
+    let status = cut.periods(480);
+    assert!((0..=3).contains(&(layer - status.layer)) && status.height_state() == HeightState::Held, "{status:?}");
+    assert!((74..=76).contains(&(layer - cut.periods(400).layer)));
+}
+
+/// The program, or a kerf that is crossed: the channel holds the height, to the pulse.
+#[test]
+fn the_height_stays_where_the_path_says_so() {
+    let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 1200);
+    cut.periods(200);
+    cut.table.send(HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_HOLD, value: 1 }));
+    cut.periods(30);
+    cut.noise = |_| -3_000;
+    let layer = cut.table.status().layer;
+    assert_eq!((cut.periods(300).layer, cut.table.status().height_state()), (layer, HeightState::Held));
+    cut.table.send(HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_HOLD, value: 0 }));
+    assert!(cut.periods(300).layer > layer);
+}
+
+/// The sheet falls away: the torch stops at the end of its range, and the cut is interrupted there.
+#[test]
+fn the_range_ends_the_cut() {
+    for (falls, range) in [(true, -150), (false, 200)] {
+        let mut cut = Cut::new(VOLTS, 3000);
+        cut.periods(200);
+        cut.noise = if falls { |_| 9_500 } else { |_| -9_500 };
+        let layer = cut.table.status().layer;
+        // Slowly enough not to be a void.
+        let mut off = None;
+        let mut lit = 0;
+        cut.noise = if falls { |place| i64::from(place - 200) * 30 } else { |place| -i64::from(place - 200) * 30 };
+        for _ in 0..1500 {
+            let status = cut.period();
+            assert!(if falls { status.layer >= layer + range - 1 } else { status.layer <= layer + range + 1 });
+            lit += u32::from(status.height_state() == HeightState::AtLimit);
+            off = off.or(status.cutter_off);
+        }
+        let off = off.expect("the cut is interrupted, which the host tells as E3036");
+        assert_eq!((off.cause, off.channels), (CutterOffCause::HeightLimit, 1));
+        let status = cut.table.status();
+        assert!(status.blocked && status.at_rest && status.outputs[usize::from(TORCH)] == 0);
+        assert!((48..=51).contains(&lit), "{lit} periods at the limit");
+        assert_eq!(status.counts[Z], 0);
+        cut.table.assert_limits();
+    }
+}
+
+/// Two inputs of a separate controller move the torch, both at once do not.
+#[test]
+fn two_inputs_move_the_torch() {
+    const UP: u16 = 1 << 2;
+    const DOWN: u16 = 1 << 3;
+    let mut cut = Cut::new(HeightControlSettings { source: HeightSource::UpDown { up: 2, down: 3 }, ..VOLTS }, 3000);
+    let layer = cut.periods(200).layer;
+    let mut after = |levels: u16| {
+        cut.table.levels = levels;
+        let before = cut.table.status().layer;
+        let moved = cut.periods(60).layer - before;
+        cut.table.levels = 0;
+        cut.periods(40);
+        moved
+    };
+    let moved = [0, UP, DOWN, UP | DOWN].map(&mut after);
+    assert!(moved[0] == 0 && (90..=120).contains(&moved[1]) && (-120..=-90).contains(&moved[2]), "{moved:?}");
+    assert_eq!(moved[3], 0);
+    assert!((layer - cut.table.status().layer).abs() < 5);
+    cut.table.assert_limits();
+}
+
+/// What ends a cut ends the control: a hold, the torch switched off, reverse. The layer rests, and nothing but a new
+/// start begins it again.
+#[test]
+fn nothing_moves_behind_the_end_of_a_cut() {
+    for way in 0..3 {
+        let mut cut = Cut::new(VOLTS, 3000);
+        cut.periods(300);
+        cut.noise = |_| 3_000;
+        cut.periods(5);
+        cut.table.send(match way {
+            0 => HostCommand::rate(Rate::ZERO),
+            1 => HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }),
+            _ => HostCommand::rate(-Rate::ONE),
+        });
+        cut.periods(130);
+        let layer = cut.table.status().layer;
+        assert_eq!(cut.table.status().outputs[usize::from(TORCH)], 0);
+        cut.table.send(HostCommand::rate(if way == 2 { -Rate::ONE } else { Rate::ONE }));
+        assert_eq!((cut.periods(200).layer, cut.table.status().height_state()), (layer, HeightState::Off), "{way}");
+        cut.table.assert_limits();
+    }
+}
+
+/// Settings that the card cannot do are refused with the instruction.
+#[test]
+fn control_that_the_card_cannot_do_is_refused() {
+    let refused = |control: HeightControlSettings| {
+        let LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, .. } = START else { unreachable!() };
+        let moves = LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] };
+        Table::new(None).card.accept(HostCommand::Instruction(instruction(1, Some(1), moves)))
+    };
+    assert_eq!(refused(VOLTS), Ok(()));
+    for control in [
+        HeightControlSettings { source: HeightSource::Volts { input: 2 }, ..VOLTS },
+        HeightControlSettings { gain: 0, ..VOLTS },
+        HeightControlSettings { speed: 0, ..VOLTS },
+        HeightControlSettings { samples: 0, ..VOLTS },
+        HeightControlSettings { up: u32::MAX, ..VOLTS },
+        HeightControlSettings { hold_below: FeedShare::FEED, ..VOLTS },
+        HeightControlSettings { source: HeightSource::UpDown { up: 1, down: 1 }, ..VOLTS },
+        HeightControlSettings { source: HeightSource::UpDown { up: 1, down: 6 }, ..VOLTS },
+        HeightControlSettings { source: HeightSource::None, ..VOLTS },
+    ] {
+        assert_eq!(refused(control), Err(CommandRefusal::Unsupported), "{control:?}");
+    }
+    assert_eq!(InputLevels::default().analog, [None; retrace_link::ANALOG_INPUTS]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+
+    /// Whatever the readings, speeds and commands: the axis keeps its limits and the range, and the layer changes only
+    /// while the torch is on or has just gone off.
+    #[test]
+    fn any_voltage_keeps_the_range_and_the_limits(
+        steps in prop::collection::vec((any::<u16>(), 1..40u32, 0..8u8), 1..60), filter: u16, slope in 0..1u32 << 24,
+        void_periods: u16,
+    ) {
+        let mut cut = Cut::new(HeightControlSettings { filter, slope, void_periods, limit_periods: 0, ..VOLTS }, 4000);
+        let start = cut.table.status().layer;
+        let mut dark = 0;
+        for (reading, periods, what) in steps {
+            cut.table.send(match what {
+                0 => HostCommand::rate(Rate::ONE / 3),
+                1 => HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_HOLD, value: 1 }),
+                2 => HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_HOLD, value: 0 }),
+                3 => {
+                    let value = i32::from(reading);
+                    HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_OFFSET, value })
+                }
+                _ => HostCommand::rate(Rate::ONE),
+            });
+            for _ in 0..periods {
+                cut.fill();
+                cut.table.reading = (reading & 7 != 0).then_some(reading);
+                let before = cut.table.status().layer;
+                let status = cut.table.period();
+                dark = if status.outputs[usize::from(TORCH)] == 0 { dark + 1 } else { 0 };
+                prop_assert!((start - 150 - 1..=start + 200 + 1).contains(&status.layer), "{:?}", status);
+                prop_assert!(status.layer == before || dark <= 25);
+            }
+        }
+        cut.table.assert_limits();
+        prop_assert_eq!(cut.table.status().counts[Z], 0);
+    }
+}
