@@ -165,6 +165,13 @@ impl HeightControl {
         self.state
     }
 
+    /// Shifts the range: the path has moved the axis by so many pulses.
+    pub const fn shift_range(&mut self, path: i32) {
+        if let HeightPart::Controlling([lowest, highest]) = &mut self.part {
+            (*lowest, *highest) = (lowest.saturating_sub(path), highest.saturating_sub(path));
+        }
+    }
+
     /// Whether the height stood at an end of its range for too long.
     #[must_use]
     pub const fn has_failed(&self) -> bool {

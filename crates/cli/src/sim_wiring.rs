@@ -12,8 +12,8 @@ use retrace_config::{
     CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError, SpindleOrientation,
 };
 use retrace_hal_sim::{
-    Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings, SpindleSimulation, Switch,
-    source_faults,
+    ArcVoltageSettings, Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings,
+    SpindleSimulation, Switch, WarpedSheet, source_faults,
 };
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
@@ -85,6 +85,7 @@ pub fn hung_on<const A: usize>(machine: &MachineConfig, faults: &SourceFaults) -
         settings.switches.extend(sense.contacts.iter().map(|&input| switch(input, float)));
         let ohmic = sense.ohmic.iter().filter(|_| !faults.no_ohmic);
         settings.switches.extend(ohmic.map(|&input| switch(input, tip)));
+        settings.warped = warped_sheet(machine, faults);
     }
     settings.replies = replies(machine);
     settings.spindle = machine.encoder.map(|encoder| SpindleSimulation {
@@ -105,11 +106,34 @@ pub fn parsed_source_faults(text: Option<&str>) -> Result<SourceFaults, Numbered
         .map_err(|why| NumberedError::new("E2154", format!("--source-faults: {why}"), "see docs/simulated-machine.md"))
 }
 
+/// The sheet under the tool axis.
+fn warped_sheet(machine: &MachineConfig, faults: &SourceFaults) -> WarpedSheet {
+    let nm = |axis: usize| machine.axes.get(axis).map_or(0, |axis| (1e6 / axis.pulses_per_mm) as u32);
+    let tool_nm_per_pulse = machine.tool_layer().map_or(0, |layer| nm(layer.index));
+    let contacts = machine.tool_layer().map_or(0, |layer| layer.contacts().fold(0, |bits, input| bits | 1 << input));
+    WarpedSheet { rise_um: faults.warp_um, nm_per_pulse: nm(0), tool_nm_per_pulse, contacts }
+}
+
+/// How the voltage of the arc is read, where it controls the height.
+fn arc_voltage(machine: &MachineConfig, faults: &SourceFaults) -> Option<ArcVoltageSettings> {
+    let (layer, input) = machine.tool_layer().zip(machine.height_control()?.volts_input())?;
+    let sheet_mm = layer.sensing().sheet_mm + f64::from(faults.sheet_um.unwrap_or_default()) / 1000.0;
+    Some(ArcVoltageSettings {
+        input: input.number,
+        range_mv: [0, u16::MAX].map(|end| (input.amount(end) * 1000.0).round() as i64),
+        axis: layer.index as u8,
+        sheet: machine.counts_of(layer.index, sheet_mm),
+        warped: warped_sheet(machine, faults),
+    })
+}
+
 /// Sources of the cutters that have an input of their own.
 fn sources(machine: &MachineConfig, faults: &SourceFaults) -> Vec<SourceSettings> {
     let nm_per_pulse = [0, 1].map(|axis| machine.axes.get(axis).map_or(0, |axis| (1e6 / axis.pulses_per_mm) as u32));
     let with_input = machine.cutters.iter().filter_map(|cutter| cutter.proof.map(|proof| (cutter, proof)));
+    let voltage = arc_voltage(machine, faults);
     let source = |(cutter, proof): (&CutterConfig, CutterProof)| SourceSettings {
+        voltage: voltage.filter(|_| cutter.height.is_some()),
         channel: cutter.fire,
         input: proof.input,
         nm_per_pulse,

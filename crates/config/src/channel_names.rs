@@ -58,6 +58,8 @@ pub fn channel_name(channel: u8) -> String {
         c::FLOOD => "flood".into(),
         c::TOOL => "tool".into(),
         c::UNWATCHED => "loss ignored".into(),
+        c::HEIGHT_HOLD => "height held".into(),
+        c::HEIGHT_OFFSET => "height offset".into(),
         digital => format!("output {digital}"),
     }
 }

@@ -156,9 +156,15 @@ impl<'m> ToolLayer<'m> {
     }
 
     /// Moves of a start with these heights in mm over the sheet; the path of the tool axis is at `path_mm`. `may_skip`:
-    /// the sheet that an earlier start found counts.
+    /// the sheet that an earlier start found counts. `control`: how the height is controlled behind it.
     #[must_use]
-    pub fn start(&self, path_mm: f64, [pierce_mm, cut_mm]: [f64; 2], may_skip: bool) -> LayerMove {
+    pub fn start(
+        &self,
+        path_mm: f64,
+        [pierce_mm, cut_mm]: [f64; 2],
+        may_skip: bool,
+        control: HeightControls,
+    ) -> LayerMove {
         let SheetSensing { sheet_mm, start_mm, below_mm, float_travel_mm, .. } = *self.sensing;
         let [lowest_mm, highest_mm] = self.axis.travel_mm;
         let layer = |mm: f64| self.pulses(mm.clamp(lowest_mm, highest_mm) - path_mm);
@@ -168,7 +174,7 @@ impl<'m> ToolLayer<'m> {
             pierce: self.pulses(pierce_mm + float_travel_mm),
             cut: self.pulses(cut_mm + float_travel_mm),
             may_skip,
-            control: HeightControls::default(),
+            control,
             ohmic: OhmicSensing {
                 inputs: self.sensing.ohmic.iter().fold(0, |bits, &number| bits | 1 << number),
                 tries: self.sensing.ohmic_tries,

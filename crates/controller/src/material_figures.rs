@@ -24,6 +24,7 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
                 uses_speed,
                 abrasive: cutter.abrasive.filter(|_| jet.is_some()),
                 abrasive_lag_mm: jet.map_or(0.0, |jet| jet.abrasive_lag_mm),
+                height_hold_mm: cutter.height.map_or(0.0, |height| height.end_mm),
             })
         })
         .collect();

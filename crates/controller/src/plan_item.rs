@@ -93,6 +93,8 @@ pub struct PlanSummary {
 }
 
 /// An item.
+// No box: the motion path, which takes it, must not free memory.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathItem {
     /// An exclusive instruction.

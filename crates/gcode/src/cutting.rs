@@ -36,6 +36,8 @@ pub struct CuttingTool {
     pub abrasive: Option<u8>,
     /// Length in mm before the end of a contour from which the abrasive is off.
     pub abrasive_lag_mm: f64,
+    /// Length at the end of a contour, mm, on which the height stays where it is controlled.
+    pub height_hold_mm: f64,
 }
 
 impl CuttingTool {
@@ -141,6 +143,8 @@ pub struct CuttingState {
     pub(crate) keeps_z: bool,
     /// Whether the input that proves the cutter is ignored.
     pub(crate) is_arc_ignored: bool,
+    /// Whether the program holds the height (M62 P2, M64 P2).
+    pub(crate) is_height_held: bool,
     /// The arcs that may be parts of a hole.
     pub(crate) open_circle: Option<OpenCircle>,
     /// End of the path in program coordinates, where it is known, and the feed rate in force.
@@ -189,6 +193,7 @@ impl Default for CuttingState {
             cuts_tube: false,
             keeps_z: false,
             is_arc_ignored: false,
+            is_height_held: false,
             open_circle: None,
             path_end: None,
             rate: 0.0,

@@ -93,7 +93,10 @@ impl OpenContour {
         let material = material.cloned().unwrap_or_default();
         let creeps = material.creep_mm > 0.0 && creeps(&material);
         let pierces = material.pierce_mm > 0.0 || material.wiggles > 0.0 || material.circles > 0.0;
-        let ends = material.off_before_mm > 0.0 || material.over_cut_mm > 0.0 || tool.abrasive_lag_mm > 0.0;
+        let ends = material.off_before_mm > 0.0
+            || material.over_cut_mm > 0.0
+            || tool.abrasive_lag_mm > 0.0
+            || tool.height_hold_mm > 0.0;
         let differs = creeps || pierces || ends;
         differs.then(|| OpenContour {
             tool,
@@ -153,9 +156,10 @@ impl OpenContour {
         moves
     }
 
-    /// Distance in mm before the end at which the cutter, or else the abrasive, is switched off.
+    /// Distance in mm before the end at which the cutter, or else the abrasive or height control, is switched off.
     pub(crate) fn tail_mm(&self) -> f64 {
-        if self.material.off_before_mm > 0.0 { self.material.off_before_mm } else { self.tool.abrasive_lag_mm }
+        let lengths = [self.material.off_before_mm, self.tool.abrasive_lag_mm, self.tool.height_hold_mm];
+        lengths.into_iter().find(|&mm| mm > 0.0).unwrap_or_default()
     }
 
     /// Emits a step, or holds it back.

@@ -3,6 +3,7 @@
 //!
 //! Invariant: it depends on the card's pins and on its seed alone; metal that was cut stays cut.
 
+use crate::arc_voltage::ArcVoltageSettings;
 use crate::cut_sheet::CutSheet;
 use crate::random::{Chance, Random};
 
@@ -11,6 +12,8 @@ const CELL_NM: f64 = 50_000.0;
 /// Longest step, in cells, between two samples of a stroke.
 const STEP_CELLS: f64 = 0.5;
 
+/// Distance ahead of the torch at which a kerf shows in the voltage, in cells.
+const KERF_AHEAD_CELLS: f64 = 5.0;
 /// Distance at which an arc reaches metal around a hole, in cells.
 const REACH_CELLS: i32 = 10;
 /// Number of cut cells within that distance up to which the place is a hole, and not a kerf: 0.15 mm.
@@ -37,6 +40,8 @@ pub struct SourceFaults {
     pub delay_us: [u32; 2],
     /// Height of the sheet over the one that the machine file expects, in µm; `None` without a sheet to be sensed.
     pub sheet_um: Option<i32>,
+    /// How far the sheet rises within half a metre of the first axis, in µm.
+    pub warp_um: i32,
     /// Whether ohmic contacts never close.
     pub no_ohmic: bool,
     /// Seed of everything that is random.
@@ -55,6 +60,7 @@ impl Default for SourceFaults {
             stays_on: false,
             delay_us: [50_000; 2],
             sheet_um: Some(0),
+            warp_um: 0,
             no_ohmic: false,
             seed: 0,
         }
@@ -72,12 +78,14 @@ pub struct SourceSettings {
     pub nm_per_pulse: [u32; 2],
     /// Whether it strikes only where metal is in reach.
     pub needs_metal: bool,
+    /// How the voltage of its arc is read, if it is.
+    pub voltage: Option<ArcVoltageSettings>,
     /// How it fails.
     pub faults: SourceFaults,
 }
 
 const ITEMS: &str = "seed=N, no-start=P, lose-per-m=N, lose@MM, flicker-per-m=N, flicker-ms=N, delay-ms=N, welded, \
-    stays-on, sheet=MM, no-sheet, no-ohmic; P is a probability, MM a length of cut or a height";
+    stays-on, sheet=MM, warp=MM, no-sheet, no-ohmic; P is a probability, MM a length of cut or a height";
 
 /// Parses the faults of a source: `no-start=0.1,lose@120.5,seed=7`.
 ///
@@ -106,6 +114,10 @@ fn apply(item: &str, faults: &mut SourceFaults) -> Option<()> {
         Some(("sheet", value)) => {
             let mm: f64 = value.parse().ok().filter(|mm: &f64| mm.abs() <= 1000.0)?;
             faults.sheet_um = Some((mm * 1000.0).round() as i32);
+        }
+        Some(("warp", value)) => {
+            let mm: f64 = value.parse().ok().filter(|mm: &f64| mm.abs() <= 100.0)?;
+            faults.warp_um = (mm * 1000.0).round() as i32;
         }
         Some(("seed", value)) => faults.seed = value.parse().ok()?,
         Some(("no-start", value)) => faults.no_start = Chance::new(value.parse().ok()?)?,
@@ -145,6 +157,9 @@ pub(crate) struct CuttingSource {
     next_flicker_um: f64,
     flickers_until_us: u64,
     sheet: CutSheet,
+    /// Speed in mm/s, the time of the last position, and the direction of motion in cells.
+    speed: (f64, u64, [f64; 2]),
+    noise: Random,
 }
 
 impl CuttingSource {
@@ -159,6 +174,8 @@ impl CuttingSource {
             next_flicker_um: 0.0,
             flickers_until_us: 0,
             sheet: CutSheet::default(),
+            speed: (0.0, 0, [0.0; 2]),
+            noise: Random::new(settings.faults.seed ^ 0xA5C),
         };
         source.next_loss_um = source.next_at(settings.faults.losses_per_km);
         source.next_flicker_um = source.next_at(settings.faults.flickers_per_km);
@@ -205,6 +222,7 @@ impl CuttingSource {
             *cell = position as f64 * f64::from(nm) / CELL_NM;
         }
         let from = self.at.replace(to).unwrap_or(to);
+        self.record_speed(now_us, from, to);
         if let ArcState::Pilot { from_us } = self.state
             && now_us >= from_us
             && (!self.settings.needs_metal || self.reaches_metal(cell_at(to)))
@@ -219,6 +237,28 @@ impl CuttingSource {
             self.next_flicker_um = self.next_at(self.settings.faults.flickers_per_km);
         }
         self.settings.faults.is_welded || self.state == ArcState::Burning && now_us >= self.flickers_until_us
+    }
+
+    fn record_speed(&mut self, now_us: u64, from: [f64; 2], to: [f64; 2]) {
+        let way = [to[0] - from[0], to[1] - from[1]];
+        let cells = way[0].hypot(way[1]);
+        let seconds = now_us.saturating_sub(self.speed.1).max(1) as f64 / 1e6;
+        let ahead = if cells > 0.0 { way.map(|part| part / cells) } else { self.speed.2 };
+        self.speed = (cells * CELL_NM / 1e6 / seconds, now_us, ahead);
+    }
+
+    /// The analog input of the arc's voltage, and its reading with the axes at `positions`.
+    pub(crate) fn voltage(&mut self, positions: &[i64]) -> Option<(u8, u16)> {
+        let of = self.settings.voltage?;
+        let (speed, _, [x, y]) = self.speed;
+        if self.state != ArcState::Burning {
+            return Some((of.input, of.dark_reading()));
+        }
+        let is_over_kerf = self.at.is_some_and(|at| {
+            let ahead = cell_at([at[0] + KERF_AHEAD_CELLS * x, at[1] + KERF_AHEAD_CELLS * y]);
+            self.sheet.is_cut(ahead)
+        });
+        Some((of.input, of.reading(positions, speed, is_over_kerf, &mut self.noise)))
     }
 
     /// Whether an arc strikes here: over metal, and in a hole that was pierced without being cut on, because there is
@@ -271,7 +311,8 @@ mod tests {
     /// A micrometre a pulse; the first axis moves by `um_per_ms` in each period of 1 ms.
     fn source(faults: &str) -> CuttingSource {
         let faults = source_faults(faults).expect("valid");
-        let settings = SourceSettings { channel: 64, input: 5, nm_per_pulse: [1000; 2], needs_metal: true, faults };
+        let settings =
+            SourceSettings { channel: 64, input: 5, nm_per_pulse: [1000; 2], needs_metal: true, voltage: None, faults };
         CuttingSource::new(&settings)
     }
 

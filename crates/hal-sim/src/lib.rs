@@ -12,6 +12,7 @@
 //! Invariant: the reported counts are counted pulse by pulse behind the fine interpolation, not copied from the player.
 #![forbid(unsafe_code)]
 
+mod arc_voltage;
 mod card_simulator;
 mod clock;
 mod count_checker;
@@ -32,6 +33,7 @@ mod spindle_plant;
 mod trace;
 mod vcd;
 
+pub use arc_voltage::{ArcVoltageSettings, WarpedSheet};
 pub use card_simulator::{CardSimulator, CardSimulatorSettings, PeriodObserver, PeriodSample, SimulationFaults};
 pub use clock::Clock;
 pub use cutting_source::{SourceFaults, SourceSettings, source_faults};

@@ -5,6 +5,7 @@
 use retrace_card::InputLevels;
 use retrace_link::{ANALOG_INPUTS, AnalogInputs, InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
+use crate::arc_voltage::WarpedSheet;
 use crate::cutting_source::{CuttingSource, SourceSettings};
 use crate::probed_work::{ProbeContact, ProbedWork};
 use crate::random::{Chance, Random};
@@ -77,6 +78,8 @@ pub struct PlantSettings {
     pub replies: Vec<Reply>,
     /// Sources of cutters.
     pub sources: Vec<SourceSettings>,
+    /// A sheet that is not even: the switches of its contacts are higher where it is.
+    pub warped: WarpedSheet,
     /// Work and a probe.
     pub work: Option<ProbedWork>,
     /// A spindle with an encoder.
@@ -195,6 +198,7 @@ pub struct Plant<const A: usize> {
     running: Vec<RunningProcess>,
     replying: Vec<RunningReply>,
     sources: Vec<CuttingSource>,
+    warped: WarpedSheet,
     probe: Option<ProbeContact>,
     spindle: Option<SpindlePlant>,
     events: std::collections::VecDeque<InputEvent>,
@@ -231,6 +235,7 @@ impl<const A: usize> Plant<A> {
                 .collect(),
             replying,
             sources: settings.sources.iter().map(CuttingSource::new).collect(),
+            warped: settings.warped,
             probe: settings.work.as_ref().map(ProbeContact::new),
             spindle: settings.spindle.map(SpindlePlant::new),
             events: events.into(),
@@ -250,7 +255,10 @@ impl<const A: usize> Plant<A> {
     pub fn inputs(&mut self, now_us: u64, positions: &[i64; A], pulses: &[i32; A]) -> InputLevels {
         for switch in &self.switches {
             let Some(&position) = positions.get(usize::from(switch.axis)) else { continue };
-            let active = if switch.upper { position >= switch.at } else { position <= switch.at };
+            let is_contact = self.warped.contacts >> switch.input & 1 == 1;
+            let rise = if is_contact { self.warped.rise(positions[0]).round() as i64 } else { 0 };
+            let at = switch.at + rise;
+            let active = if switch.upper { position >= at } else { position <= at };
             set(&mut self.active, switch.input, active);
         }
         for running in &mut self.running {
@@ -273,6 +281,11 @@ impl<const A: usize> Plant<A> {
         for source in &mut self.sources {
             let is_closed = source.advance(now_us, positions);
             set(&mut self.active, source.input(), is_closed);
+            if let Some((number, reading)) = source.voltage(positions)
+                && let Some(input) = self.analog.get_mut(usize::from(number))
+            {
+                *input = Some(reading);
+            }
         }
         let mut probe_change = None;
         if let Some(probe) = &mut self.probe {

@@ -20,6 +20,7 @@ mod feed_override;
 mod feed_per_turn;
 mod frame;
 mod hand;
+mod height_control;
 mod heights;
 mod ignored_ok;
 mod inputs;

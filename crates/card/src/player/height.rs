@@ -69,9 +69,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let (is_proven, is_steady) = self.permit.proven(outputs).unwrap_or((false, false));
         let path_moves = self.path_moves_layer_axis();
         let axis = self.layer.axis().map_or(0, usize::from);
-        if let Some(&moved) = self.status.increments.get(axis) {
-            self.layer.shift_bounds(moved);
-        }
+        let moved = self.status.increments.get(axis).copied().unwrap_or_default();
+        self.layer.shift_bounds(moved);
         let mut now = HeightConditions {
             is_cutting: is_proven && !is_busy && self.status.rate >= Rate::ZERO,
             is_free: self.layer.is_free() && !path_moves,
@@ -89,6 +88,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if let HeightSource::Volts { input } = control.settings().source {
             now.reading = analog.get(usize::from(input)).copied().flatten();
         }
+        control.shift_range(moved);
         now.is_slow_ahead = now.is_cutting && control.look_ahead(here, |n| window.record(n));
         match control.run_period(&now) {
             HeightOrder::None => self.layer.end_steering(),

@@ -6,11 +6,11 @@ use proptest::prelude::*;
 use retrace_card::InputLevels;
 use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
-    CardCore, CardStatus, CommandRefusal, CutterOffCause, HeightControlSettings, HeightSource, HeightState,
-    HostCommand, InputSetting, LayerMove, OutputChange, channel,
+    CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HeightControlSettings, HeightSource,
+    HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputChange, ProofInput, channel,
 };
 
-use crate::layer::{NO_CONTROL, START, TORCH, Table, Z, instruction, layer_settings};
+use crate::layer::{START, TORCH, Table, Z, instruction, layer_settings};
 
 const SHEET: i64 = -900;
 /// Where the torch is when it begins to cut.
@@ -36,7 +36,6 @@ pub(crate) const VOLTS: HeightControlSettings = HeightControlSettings {
     hold_below: FeedShare::from_units(29_491),
     look_periods: 30,
     limit_periods: 50,
-    ..NO_CONTROL
 };
 
 /// A torch that cuts along a path.
@@ -44,6 +43,8 @@ struct Cut {
     table: Table,
     /// Speed of each record of the path, in units of 2⁻¹⁵ of the feed.
     share: fn(u32) -> u16,
+    /// What each record moves the tool axis by.
+    path: fn(u32) -> i16,
     /// Height of the sheet over the one that was sensed, by place.
     sheet: fn(u32) -> i64,
     /// What the arc adds to a reading, by place.
@@ -53,15 +54,19 @@ struct Cut {
 
 impl Cut {
     fn new(control: HeightControlSettings, records: u32) -> Self {
+        Self::with(control, records, layer_settings(1))
+    }
+
+    fn with(control: HeightControlSettings, records: u32, mut settings: CardSettings<2>) -> Self {
         let LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, .. } = START else { unreachable!() };
         let start = LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] };
-        let mut settings = layer_settings(1);
         settings.inputs[3] = InputSetting::default();
         let mut table = Table::with(Some(SHEET), &settings);
         table.send(HostCommand::Trim { high: RecordIndex::new(0) });
         table.instruct(1, Some(1), start);
         table.send(HostCommand::rate(Rate::ONE));
-        let mut cut = Self { table, share: |_| FeedShare::FEED.units(), sheet: |_| 0, noise: |_| 0, records };
+        let mut cut =
+            Self { table, share: |_| FeedShare::FEED.units(), path: |_| 0, sheet: |_| 0, noise: |_| 0, records };
         cut.fill();
         cut.table.until_executed(1);
         assert_eq!(cut.table.position, CUT);
@@ -79,7 +84,7 @@ impl Cut {
         for place in self.table.status().high.number()..self.records {
             let flags = if place + 1 == self.records { Flags::REST } else { Flags::NONE };
             let share = (self.share)(place);
-            let increments = [(5 * u32::from(share) >> 15) as i16, 0];
+            let increments = [((5 * u32::from(share)) >> 15) as i16, (self.path)(place)];
             let record = Record { increments, flags, feed_share: FeedShare::from_units(share), ..Record::default() };
             if self.table.card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).is_err() {
                 return;
@@ -111,7 +116,7 @@ impl Cut {
     }
 
     /// Runs to the end of the path; returns the errors and the statuses.
-    fn to_end(&mut self) -> Vec<(u32, i64, CardStatus<2>)> {
+    fn run_to_end(&mut self) -> Vec<(u32, i64, CardStatus<2>)> {
         let mut seen = Vec::new();
         while self.table.status().place != Place::start_of(RecordIndex::new(self.records)) {
             let status = self.period();
@@ -130,7 +135,7 @@ fn the_torch_follows_a_warped_sheet() {
     let mut cut = Cut::new(VOLTS, 2000);
     cut.sheet = warped;
     cut.noise = |place| i64::from(place * 7919 % 61) - 30;
-    let seen = cut.to_end();
+    let seen = cut.run_to_end();
     let behind_the_delay = seen.iter().filter(|seen| seen.0 > 120);
     let worst = behind_the_delay.map(|&(_, error, _)| error.abs()).max().unwrap_or_default();
     assert!(worst <= 3, "{worst} pulses");
@@ -176,7 +181,7 @@ fn the_height_stays_in_a_corner() {
     let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 1200)
         .with_share(|place| if (600..640).contains(&place) { 16_384 } else { 1 << 15 });
     cut.noise = |place| if (590..660).contains(&place) { -3_000 } else { 0 };
-    let seen = cut.to_end();
+    let seen = cut.run_to_end();
     let in_corner = seen.iter().filter(|seen| (595..=640).contains(&seen.0));
     let layers: Vec<i32> = in_corner.clone().map(|seen| seen.2.layer).collect();
     assert!(layers.iter().all(|&layer| layer == layers[0]), "{layers:?}");
@@ -208,7 +213,7 @@ fn the_height_stays_over_a_void() {
         } else {
             |place| if (500..900).contains(&place) { 6_000 } else { 0 }
         };
-        let seen = cut.to_end();
+        let seen = cut.run_to_end();
         let dive = seen.iter().filter(|seen| seen.0 > 120).map(|seen| -seen.1).max().unwrap_or_default();
         assert!(dive <= 2, "{dive} pulses");
         assert!(seen.iter().any(|seen| (505..530).contains(&seen.0) && seen.2.height_state() == HeightState::Held));
@@ -316,6 +321,131 @@ fn nothing_moves_behind_the_end_of_a_cut() {
         assert_eq!((cut.periods(200).layer, cut.table.status().height_state()), (layer, HeightState::Off), "{way}");
         cut.table.assert_limits();
     }
+}
+
+/// What happens before the control takes over is no void: the voltage changes on the way from the pierce to the cut.
+#[test]
+fn a_jump_in_the_delay_is_no_void() {
+    let mut cut = Cut::new(VOLTS, 1200);
+    cut.noise = |place| if place < 20 { 0 } else { 3_000 };
+    let layer = cut.table.status().layer;
+    assert!((74..=76).contains(&(layer - cut.periods(400).layer)));
+}
+
+/// A voltage within the dead band moves nothing.
+#[test]
+fn the_dead_band_is_quiet() {
+    let mut cut = Cut::new(VOLTS, 1200);
+    cut.noise = |place| i64::from(place * 7919 % 79) - 39;
+    let layer = cut.table.status().layer;
+    assert!(cut.run_to_end().iter().all(|seen| seen.2.layer == layer));
+}
+
+/// Below 99 % of the feed the control does not take over.
+#[test]
+fn the_control_waits_for_the_feed() {
+    let mut cut = Cut::new(VOLTS, 600);
+    cut.table.send(HostCommand::rate(Rate::from_units((1 << 32) * 95 / 100)));
+    cut.noise = |place| i64::from(place) * 10;
+    let layer = cut.table.status().layer;
+    let seen = cut.run_to_end();
+    assert!(seen.iter().all(|seen| seen.2.layer == layer && seen.2.height_state() == HeightState::Waiting));
+}
+
+/// Whatever the range, the layer stays between those from which the sheet was sensed and at which it is missing.
+#[test]
+fn the_layer_stays_within_the_bounds_of_the_sensing() {
+    for (sign, bound) in [(1, -2000), (-1, -300)] {
+        let any = HeightControlSettings { up: 1 << 20, down: 1 << 20, slope: 0, limit_periods: 0, ..VOLTS };
+        let mut cut = Cut::new(any, 3000);
+        cut.noise = if sign > 0 { |_| 65_000 } else { |_| -65_000 };
+        let layer = cut.periods(1500).layer;
+        assert_eq!((layer, cut.table.status().height_state()), (bound, HeightState::AtLimit));
+    }
+}
+
+/// The path has its axis for itself: over records that move it the layer stays, and the bounds are those of the machine
+/// behind them.
+#[test]
+fn the_path_has_its_axis_for_itself() {
+    let any = HeightControlSettings { up: 1 << 20, down: 1 << 20, slope: 0, limit_periods: 0, ..VOLTS };
+    let mut cut = Cut::new(any, 3000);
+    cut.path = |place| if (80..180).contains(&place) { 1 } else { 0 };
+    cut.noise = |_| 500;
+    let seen: Vec<_> = (0..1500).map(|_| (cut.place(), cut.period())).collect();
+    let beside: Vec<i32> = seen.iter().filter(|of| (110..180).contains(&of.0)).map(|of| of.1.layer).collect();
+    assert!(beside.len() > 60 && beside.iter().all(|&layer| layer == beside[0]), "{beside:?}");
+    cut.noise = |_| 65_000;
+    let status = cut.periods(1000);
+    assert_eq!((status.counts[Z], status.counts[Z] + i64::from(status.layer)), (100, -2000));
+}
+
+/// An instruction in the cut: the layer comes to rest, and does not go on to the end of its range.
+#[test]
+fn the_height_stays_in_an_instruction() {
+    let mut cut = Cut::new(VOLTS, 1200);
+    let dwell =
+        Instruction { number: 2, place: RecordIndex::new(300), periods: 400, keeps_cutter: true, ..Default::default() };
+    cut.table.send(HostCommand::Instruction(dwell));
+    cut.noise = |place| i64::from(place.max(280) - 280) * 300;
+    while cut.table.status().place != Place::start_of(RecordIndex::new(300)) {
+        cut.period();
+    }
+    cut.periods(60);
+    let layer = cut.table.status().layer;
+    assert_eq!((cut.periods(200).layer, cut.table.status().executed), (layer, 1));
+}
+
+/// A flicker of the input that proves the torch: the height stays while it lasts.
+#[test]
+fn the_height_stays_while_the_proof_flickers() {
+    let mut settings = layer_settings(1);
+    settings.inputs[2] = InputSetting::default();
+    let proof = ProofInput { input: 2, proven_periods: 2, lost_periods: 900, out_periods: 0 };
+    settings.cutting.channels[0].proof = Some(proof);
+    let slow = HeightControlSettings { slope: 0, ..VOLTS };
+    let mut cut = Cut::with(slow, 2000, settings);
+    cut.table.levels = 1 << 2;
+    cut.periods(200);
+    cut.table.levels = 0;
+    cut.periods(30);
+    cut.noise = |_| -3_000;
+    let layer = cut.table.status().layer;
+    assert_eq!((cut.periods(200).layer, cut.table.status().height_state()), (layer, HeightState::Held));
+    cut.table.levels = 1 << 2;
+    assert!(cut.periods(200).layer > layer);
+}
+
+/// A cutter that stays on backward: the height is not controlled there.
+#[test]
+fn nothing_is_controlled_backward() {
+    let mut settings = layer_settings(1);
+    settings.cutting.channels[0].lit_in_reverse = true;
+    let quick = HeightControlSettings { slope: 0, delay_periods: 2, samples: 2, look_periods: 0, ..VOLTS };
+    // The window holds them all, so that there is a way back.
+    let mut cut = Cut::with(quick, 60, settings);
+    assert_eq!(cut.periods(50).height_state(), HeightState::Active);
+    cut.table.send(HostCommand::rate(-Rate::ONE));
+    cut.periods(25);
+    cut.noise = |_| -3_000;
+    let layer = cut.table.status().layer;
+    let status = cut.periods(10);
+    assert!(status.rate < Rate::ZERO && status.outputs[usize::from(TORCH)] != 0, "{status:?}");
+    assert_eq!((status.layer, status.height_state()), (layer, HeightState::Off));
+}
+
+/// Behind a cut the tool is lifted over the place where it is, and not over the one where it began.
+#[test]
+fn the_sheet_is_where_the_torch_has_followed_it() {
+    let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 600);
+    cut.noise = |_| 4_000;
+    let lower = CUT - i64::from(cut.run_to_end().last().map_or(0, |seen| seen.2.layer));
+    assert!((98..=100).contains(&lower), "{lower}");
+    let mut lift = instruction(2, Some(0), LayerMove::OverSheet { height: 500, highest: 0 });
+    lift.place = RecordIndex::new(600);
+    cut.table.send(HostCommand::Instruction(lift));
+    cut.table.until_executed(2);
+    assert_eq!(cut.table.position, SHEET + 1 + 500 - lower);
 }
 
 /// Settings that the card cannot do are refused with the instruction.

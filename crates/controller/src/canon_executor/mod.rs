@@ -113,6 +113,8 @@ pub(crate) struct CanonExecutor<'m> {
     is_cutter_forbidden: bool,
     /// Whether the program ignores the input that proves a cutter (M62 P1).
     is_proof_ignored: bool,
+    /// Whether the height stays where it is controlled.
+    is_height_held: bool,
     /// The material; `None` without a material table.
     material: Option<Arc<Material>>,
     cutters: CutterTrack,
@@ -163,6 +165,7 @@ impl<'m> CanonExecutor<'m> {
             selected_tool: 0,
             is_cutter_forbidden: false,
             is_proof_ignored: false,
+            is_height_held: false,
             material: None,
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,

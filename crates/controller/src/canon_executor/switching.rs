@@ -39,6 +39,7 @@ impl<'m> CanonExecutor<'m> {
                 Ok(())
             }
             Canon::SetCutting(CuttingSwitch::IgnoreArcOk, ignored) => self.ignore_proof(*ignored, line, sink),
+            Canon::SetCutting(CuttingSwitch::HeightControl, allowed) => self.hold_height(!*allowed, line, sink),
             Canon::SelectMaterial(material) => {
                 self.material = Some(Arc::clone(material));
                 Ok(())
@@ -138,13 +139,13 @@ impl<'m> CanonExecutor<'m> {
             | Canon::TurnProbeOff
             | Canon::SetToolTableEntry { .. }
             | Canon::ReloadToolData
-            | Canon::SetCutting(..)
             | Canon::SetPierceValue { .. }
             | Canon::LogOpen { .. }
             | Canon::Log(_)
             | Canon::LogClose => Ok(()),
             Canon::ProgramEnd => {
                 self.ignore_proof(false, line, sink)?;
+                self.hold_height(false, line, sink)?;
                 self.return_layer(line, sink)
             }
             // `run` handles these; the compiler demands a rule here for a new canonical function
@@ -312,12 +313,36 @@ impl<'m> CanonExecutor<'m> {
         if !has_proof || std::mem::replace(&mut self.is_proof_ignored, ignored) == ignored {
             return Ok(());
         }
-        let change = OutputChange { channel: channel::UNWATCHED, value: i32::from(ignored) };
+        self.switch_in_passing(OutputChange { channel: channel::UNWATCHED, value: i32::from(ignored) }, line, sink)
+    }
+
+    /// M62 P2 to M65 P2 with height control: the height stays from here on. With a cutter on, that begins and ends in
+    /// passing.
+    fn hold_height<const A: usize>(
+        &mut self,
+        held: bool,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let is_controlled = self.machine.height_control().is_some();
+        if !is_controlled || std::mem::replace(&mut self.is_height_held, held) == held {
+            return Ok(());
+        }
+        self.switch_in_passing(OutputChange { channel: channel::HEIGHT_HOLD, value: i32::from(held) }, line, sink)
+    }
+
+    /// Switches what belongs to a cut: without a stop while a cutter is on.
+    fn switch_in_passing<const A: usize>(
+        &mut self,
+        change: OutputChange,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
         if self.cutters.is_any_lit() {
             sink.action(change, line);
             return Ok(());
         }
-        let code = if ignored { "M64" } else { "M65" };
+        let code = if change.value != 0 { "M64" } else { "M65" };
         let switching = CodeSwitching { in_reverse: InReverse::Undone, ..CodeSwitching::AT_REST };
         self.exclusive((code, line), &[change], switching, CutStart::default(), sink)
     }

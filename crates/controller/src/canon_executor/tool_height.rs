@@ -54,9 +54,13 @@ impl CanonExecutor<'_> {
         // Where other heights follow beside the motion, that begins at the height of the pierce.
         let first_mm = if self.later_heights(pierce_mm).is_empty() { cut_mm } else { pierce_mm };
         let may_skip = self.skips_sensing(path_mm, layer.sensing().skip_mm);
+        let height_control =
+            self.machine.height_control().zip(self.material.as_ref()).filter(|(_, of)| of.height_control);
+        let control =
+            height_control.map(|(control, of)| control.settings(of.volts, self.machine.period_s())).unwrap_or_default();
         // A restart senses, and what it finds counts for no later start.
         let [now, restart] = [(first_mm, may_skip), (cut_mm, true)];
-        Ok(Some([now, restart].map(|(mm, may_skip)| layer.start(path_mm, [pierce_mm, mm], may_skip))))
+        Ok(Some([now, restart].map(|(mm, may_skip)| layer.start(path_mm, [pierce_mm, mm], may_skip, control))))
     }
 
     /// The move behind the end of a contour: to the safe height, or to the retract height in an area that is cut.

@@ -52,15 +52,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         }
         for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {
-            if !self.config.fire_channels.contains(&(at as u8)) && at != unwatched {
+            if !self.config.fire_channels.contains(&(at as u8)) && !is_of_cut(at as u8) {
                 self.emit(EventKind::RetraceSwitched(at as u8, status.outputs[at]));
             }
         }
     }
 
-    /// Reports an action that was passed. That of the loss watch has an event of its own, and a height is no output.
+    /// Reports an action that was passed. What belongs to a cut has an event or a figure of its own, and a height is no
+    /// output.
     pub(super) fn emit_action(&mut self, line: u32, number: u8, value: i32) {
-        if !matches!(number, channel::UNWATCHED | channel::HEIGHT) {
+        if number != channel::HEIGHT && !is_of_cut(number) {
             self.emit_at(line, EventKind::OutputChanged(number, value));
         }
     }
@@ -157,4 +158,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let event = Event { period: status.period, time_s, place, line, kind };
         self.telemetry.send(Telemetry::Event(event));
     }
+}
+
+/// Whether the channel is no output that anything is wired to, but a part of how the card cuts.
+const fn is_of_cut(number: u8) -> bool {
+    matches!(number, channel::UNWATCHED | channel::HEIGHT_HOLD | channel::HEIGHT_OFFSET)
 }

@@ -122,6 +122,7 @@ fn a_plasma_torch_waits_for_its_arc_and_is_started_again_where_none_comes() {
         channel: channel::SPINDLE,
         input: 5,
         nm_per_pulse: [6250; 2],
+        voltage: None,
         needs_metal: true,
         faults: SourceFaults { delay_us: [600_000; 2], ..SourceFaults::default() },
     };

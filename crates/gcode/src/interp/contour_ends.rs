@@ -127,11 +127,13 @@ impl Core {
     fn end_contour(&mut self, contour: &mut OpenContour, at: &Pose, stop: CanonStep, steps: &mut Vec<CanonStep>) {
         let of = |canon: Canon| CanonStep { canon, ..stop.clone() };
         let off = Canon::SetCutting(CuttingSwitch::Cutter, false);
-        let mut goes_off = false;
+        let (mut goes_off, mut holds_height) = (false, false);
         if contour.material.off_before_mm > 0.0 {
             goes_off = contour.release_with(&off, steps);
         } else if let Some(output) = contour.tool.abrasive.filter(|_| contour.tool.abrasive_lag_mm > 0.0) {
             contour.release_with(&Canon::ClearMotionOutputBit(output.into()), steps);
+        } else if contour.tool.height_hold_mm > 0.0 && !self.state.cutting.is_height_held {
+            holds_height = contour.release_with(&Canon::SetCutting(CuttingSwitch::HeightControl, false), steps);
         }
         contour.release(steps);
         if contour.stage != Stage::Full {
@@ -150,6 +152,9 @@ impl Core {
             self.state.cutting.is_displaced = true;
         }
         steps.push(stop.clone());
+        if holds_height {
+            steps.push(of(Canon::SetCutting(CuttingSwitch::HeightControl, true)));
+        }
         if goes_off && !self.state.cutting.is_forbidden {
             steps.push(of(Canon::SetCutting(CuttingSwitch::Cutter, true)));
         }

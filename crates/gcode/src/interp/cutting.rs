@@ -283,6 +283,9 @@ impl Core {
         if std::mem::take(&mut state.is_arc_ignored) {
             emit.call(Canon::SetCutting(CuttingSwitch::IgnoreArcOk, false));
         }
+        if std::mem::take(&mut state.is_height_held) {
+            emit.call(Canon::SetCutting(CuttingSwitch::HeightControl, true));
+        }
         (state.lit, state.velocity_percent) = (0, 100.0);
     }
 
@@ -303,6 +306,9 @@ impl Core {
             let state = &mut self.state.cutting;
             state.is_forbidden = is_set;
             state.is_off_in_passing = is_set && is_cutting;
+        }
+        if switch == CuttingSwitch::HeightControl {
+            self.state.cutting.is_height_held = is_set;
         }
         if switch == CuttingSwitch::IgnoreArcOk {
             self.state.cutting.is_arc_ignored = on;

@@ -20,7 +20,14 @@ fn machine_with(material: Material, abrasive_lag_mm: f64) -> Setup {
     let plain = setup();
     let cutting = plain.cutting.as_deref().unwrap().clone();
     let material = Material { feed_mm_per_min: FEED, ..material };
-    let tool = CuttingTool { spindle: 0, cuts: true, uses_speed: false, abrasive: Some(5), abrasive_lag_mm };
+    let tool = CuttingTool {
+        spindle: 0,
+        cuts: true,
+        uses_speed: false,
+        abrasive: Some(5),
+        abrasive_lag_mm,
+        height_hold_mm: 0.0,
+    };
     let materials = Arc::new(MaterialList::new([material], 0));
     Setup { cutting: Some(Arc::new(CuttingSetup { materials, tools: vec![tool], ..cutting })), ..plain }
 }

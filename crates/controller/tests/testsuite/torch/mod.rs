@@ -100,6 +100,7 @@ fn card(machine: &MachineConfig, faults: &str) -> SimCard<4> {
         channel: machine.cutting_outputs[0],
         input: PROOF,
         nm_per_pulse: [(1e6 / PULSES_PER_MM) as u32; 2],
+        voltage: None,
         needs_metal: true,
         faults: source_faults(faults).expect("valid"),
     };
