@@ -22,9 +22,11 @@ pub mod channel {
     /// Whether the height stays where it is controlled: 0, or anything else (M62 P2, a kerf that is crossed). Only with
     /// the feature `analog`.
     pub const HEIGHT_HOLD: u8 = 70;
-    /// What the operator adds to the target of height control, in readings of its analog input. Only with the feature
-    /// `analog`.
+    /// What the operator adds to the target of height control, in readings of its analog input, or [`HEIGHT_STAYS`].
+    /// Only with the feature `analog`.
     pub const HEIGHT_OFFSET: u8 = 71;
+    /// Value of [`HEIGHT_OFFSET`] with which the height stays: the operator has switched height control off.
+    pub const HEIGHT_STAYS: i32 = i32::MIN;
     /// First analog output (M67, M68). The values of the analog outputs are in units of 1/[`ANALOG_ONE`] of the unit
     /// that the machine file gives them.
     pub const ANALOG: u8 = 72;

@@ -65,6 +65,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
         let outputs = self.outputs.values();
         let value = |channel: u8| outputs.get(usize::from(channel)).copied().unwrap_or(0);
+        let offset = value(channel::HEIGHT_OFFSET);
         let is_busy = self.switching.is_busy();
         let (is_proven, is_steady) = self.permit.proven(outputs).unwrap_or((false, false));
         let path_moves = self.path_moves_layer_axis();
@@ -76,10 +77,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             is_free: self.layer.is_free() && !path_moves,
             feed_share: u32::try_from(self.feed_share >> 32).unwrap_or(u32::MAX),
             is_slow_ahead: false,
-            is_held: !is_steady || value(channel::HEIGHT_HOLD) != 0,
+            is_held: !is_steady || value(channel::HEIGHT_HOLD) != 0 || offset == channel::HEIGHT_STAYS,
             inputs: active,
             reading: None,
-            offset: value(channel::HEIGHT_OFFSET),
+            offset: if offset == channel::HEIGHT_STAYS { 0 } else { offset },
             layer: self.layer.layer(),
             bounds: self.layer.bounds(),
         };

@@ -236,18 +236,22 @@ fn a_void_is_not_endless() {
     assert!((74..=76).contains(&(layer - cut.periods(400).layer)));
 }
 
-/// The program, or a kerf that is crossed: the channel holds the height, to the pulse.
+/// The program, or a kerf that is crossed: the channel holds the height, to the pulse; so does the operator.
 #[test]
 fn the_height_stays_where_the_path_says_so() {
     let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 1200);
     cut.periods(200);
-    cut.table.send(HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_HOLD, value: 1 }));
-    cut.periods(30);
-    cut.noise = |_| -3_000;
-    let layer = cut.table.status().layer;
-    assert_eq!((cut.periods(300).layer, cut.table.status().height_state()), (layer, HeightState::Held));
-    cut.table.send(HostCommand::ManualOutput(OutputChange { channel: channel::HEIGHT_HOLD, value: 0 }));
-    assert!(cut.periods(300).layer > layer);
+    for (channel, value) in [(channel::HEIGHT_HOLD, 1), (channel::HEIGHT_OFFSET, channel::HEIGHT_STAYS)] {
+        cut.noise = |_| 0;
+        cut.periods(100);
+        cut.table.send(HostCommand::ManualOutput(OutputChange { channel, value }));
+        cut.periods(30);
+        cut.noise = |_| -3_000;
+        let layer = cut.table.status().layer;
+        assert_eq!((cut.periods(200).layer, cut.table.status().height_state()), (layer, HeightState::Held));
+        cut.table.send(HostCommand::ManualOutput(OutputChange { channel, value: 0 }));
+        assert!(cut.periods(100).layer > layer);
+    }
 }
 
 /// The sheet falls away: the torch stops at the end of its range, and the cut is interrupted there.
