@@ -7,7 +7,7 @@ use retrace_card::InputLevels;
 use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HeightControlSettings, HeightSource,
-    HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputChange, ProofInput, channel,
+    HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputAction, OutputChange, ProofInput, channel,
 };
 
 use crate::layer::{START, TORCH, Table, Z, instruction, layer_settings};
@@ -76,6 +76,12 @@ impl Cut {
 
     fn with_share(mut self, share: fn(u32) -> u16) -> Self {
         self.share = share;
+        self.table.send(HostCommand::Trim { high: RecordIndex::new(8) });
+        self
+    }
+
+    fn with_path(mut self, path: fn(u32) -> i16) -> Self {
+        self.path = path;
         self.table.send(HostCommand::Trim { high: RecordIndex::new(8) });
         self
     }
@@ -382,22 +388,41 @@ fn the_path_has_its_axis_for_itself() {
     cut.noise = |_| 65_000;
     let status = cut.periods(1000);
     assert_eq!((status.counts[Z], status.counts[Z] + i64::from(status.layer)), (100, -2000));
+    // Before it takes over as well.
+    let mut cut = Cut::new(any, 3000).with_path(|place| if (10..30).contains(&place) { 1 } else { 0 });
+    cut.noise = |_| 65_000;
+    let status = cut.periods(1500);
+    assert_eq!((status.counts[Z], status.counts[Z] + i64::from(status.layer)), (20, -2000));
 }
 
 /// An instruction in the cut: the layer comes to rest, and does not go on to the end of its range.
 #[test]
 fn the_height_stays_in_an_instruction() {
-    let mut cut = Cut::new(VOLTS, 1200);
+    let mut cut = Cut::new(HeightControlSettings { slope: 0, down: 1000, hold_below: FeedShare::NONE, ..VOLTS }, 1200);
     let dwell =
         Instruction { number: 2, place: RecordIndex::new(300), periods: 400, keeps_cutter: true, ..Default::default() };
     cut.table.send(HostCommand::Instruction(dwell));
-    cut.noise = |place| i64::from(place.max(280) - 280) * 300;
+    cut.noise = |place| i64::from(place.max(280) - 280) * 3000;
     while cut.table.status().place != Place::start_of(RecordIndex::new(300)) {
         cut.period();
     }
     cut.periods(60);
     let layer = cut.table.status().layer;
     assert_eq!((cut.periods(200).layer, cut.table.status().executed), (layer, 1));
+}
+
+/// A height of the path, as for a puddle jump, is reached: the control waits for it.
+#[test]
+fn a_height_of_the_path_is_reached() {
+    let mut cut = Cut::new(HeightControlSettings { band: u16::MAX, slope: 0, ..VOLTS }, 1200);
+    let higher = OutputAction { place: RecordIndex::new(200), channel: channel::HEIGHT, before: 0, after: 145 };
+    while cut.place() < 150 {
+        cut.period();
+    }
+    cut.table.send(HostCommand::Action(higher));
+    let seen = cut.run_to_end();
+    assert_eq!(seen.last().map(|seen| seen.1), Some(100));
+    assert!(seen.iter().any(|seen| seen.0 > 150 && seen.2.height_state() == HeightState::Active));
 }
 
 /// A flicker of the input that proves the torch: the height stays while it lasts.
