@@ -235,6 +235,8 @@ mod tests {
             cut_um,
             cut_from: Some(Place::default()),
             spindle: retrace_link::SpindleStatus::default(),
+            height: retrace_link::HeightState::Off,
+            analog_inputs: retrace_link::AnalogInputs::default(),
         })
     }
 

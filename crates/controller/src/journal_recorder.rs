@@ -259,6 +259,8 @@ mod tests {
             cut_um: 0,
             cut_from: None,
             spindle: retrace_link::SpindleStatus::default(),
+            height: retrace_link::HeightState::Off,
+            analog_inputs: retrace_link::AnalogInputs::default(),
         }
     }
 

@@ -105,7 +105,8 @@ pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
 pub use operator::{
-    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide, rate_percent,
+    CommandError, CutStart, HeightCommand, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, StartSide,
+    rate_percent,
 };
 pub use operator_words::{parse_operator_command, parse_script};
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};

@@ -76,6 +76,19 @@ impl StartSide {
     }
 }
 
+/// What the operator does with height control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeightCommand {
+    /// One step higher: a higher voltage.
+    Up,
+    /// One step lower.
+    Down,
+    /// To the voltage of the material again.
+    Reset,
+    /// Whether the height is controlled; otherwise it stays.
+    Control(bool),
+}
+
 /// A command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OperatorCommand {
@@ -174,6 +187,8 @@ pub enum OperatorCommand {
     /// Brings the axes back from the park position, or from where the pointer was: the steps of the pause that are
     /// missing, up to *cycle start*.
     ChangeDone,
+    /// Changes what height control aims at (CUT-56).
+    Height(HeightCommand),
     /// Lets the motion follow the spindle by hand, in a thread or tap that is held (SPN-23).
     FollowSpindle(bool),
     /// Returns to on-line mode (DNC-5).
@@ -240,6 +255,10 @@ impl fmt::Display for OperatorCommand {
             Self::SpindleStart => write!(f, "spindle start"),
             Self::Jog { axis, mm } => write!(f, "jog {axis} {mm}"),
             Self::ToolLength(length) => write!(f, "{length}"),
+            Self::Height(HeightCommand::Up) => write!(f, "height up"),
+            Self::Height(HeightCommand::Down) => write!(f, "height down"),
+            Self::Height(HeightCommand::Reset) => write!(f, "height reset"),
+            Self::Height(HeightCommand::Control(on)) => write!(f, "height control {}", if *on { "on" } else { "off" }),
             Self::FollowSpindle(true) => write!(f, "follow spindle"),
             Self::FollowSpindle(false) => write!(f, "follow off"),
             Self::Online => write!(f, "online"),

@@ -8,7 +8,9 @@ use retrace_config::{AXIS_LETTERS, NumberedError, nearest};
 use retrace_core::Rate;
 use retrace_link::channel;
 
-use crate::operator::{CutStart, DIRECTIONS, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift};
+use crate::operator::{
+    CutStart, DIRECTIONS, HeightCommand, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift,
+};
 use crate::tool_length::EnteredLength;
 
 /// Parses a script. `name` names the file in messages.
@@ -120,6 +122,12 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["pointer"] => OperatorCommand::Pointer,
         ["change", "done"] => OperatorCommand::ChangeDone,
         ["online"] => OperatorCommand::Online,
+        ["height", "up"] => OperatorCommand::Height(HeightCommand::Up),
+        ["height", "down"] => OperatorCommand::Height(HeightCommand::Down),
+        ["height", "reset"] => OperatorCommand::Height(HeightCommand::Reset),
+        ["height", "control", state @ ("on" | "off")] => {
+            OperatorCommand::Height(HeightCommand::Control(*state == "on"))
+        }
         ["follow", "spindle"] => OperatorCommand::FollowSpindle(true),
         ["follow", "off"] => OperatorCommand::FollowSpindle(false),
         ["spindle", "stop"] => OperatorCommand::SpindleStop,
@@ -133,6 +141,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
                 "skip", "test", "tool", "follow", "cut", "shift", "lead", "contours", "park", "pointer", "change",
+                "height",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -154,6 +163,7 @@ fn usage_example(word: &str) -> &'static str {
         "lead" => "lead line · lead arc",
         "spindle" => "spindle stop · spindle start",
         "follow" => "follow spindle · follow off",
+        "height" => "height up · height down · height reset · height control off · height control on",
         "jog" => "jog z 10",
         "tool" => "tool length 84.2 · tool length by -0.35",
         "cycle" => "cycle start",

@@ -14,7 +14,7 @@ use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::HoldReason;
-use retrace_link::{CardStatus, OutputChange, Outputs, SpindleStatus, channel};
+use retrace_link::{AnalogInputs, CardStatus, HeightState, OutputChange, Outputs, SpindleStatus, channel};
 
 use crate::event::Event;
 
@@ -81,6 +81,10 @@ pub struct PeriodRecord<const A: usize> {
     pub cut_from: Option<Place>,
     /// The spindle as the card measures it.
     pub spindle: SpindleStatus,
+    /// State of height control.
+    pub height: HeightState,
+    /// Readings of the analog inputs.
+    pub analog_inputs: AnalogInputs,
 }
 
 impl<const A: usize> PeriodRecord<A> {
@@ -112,6 +116,8 @@ impl<const A: usize> PeriodRecord<A> {
             cut_um: 0,
             cut_from: None,
             spindle: status.spindle,
+            height: status.height_state(),
+            analog_inputs: status.analog_inputs,
         }
     }
 }

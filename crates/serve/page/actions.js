@@ -30,6 +30,9 @@ const ORDERS = {
   'cutter-off': 'cutter off',
   'cutter-on': 'cutter on',
   recover: 'recover',
+  'height-up': 'height up',
+  'height-down': 'height down',
+  'height-reset': 'height reset',
   online: 'online',
   'clear-alarm': 'reset',
   home: 'home',
@@ -185,6 +188,10 @@ export class ActionTable {
         { label: 'Set zero and direction', main: true, run: () => this.orders.send('sheet align') },
       ],
     });
+  }
+
+  performHeightControl() {
+    this.orders.send(`height control ${this.store.live?.height?.is_on ? 'off' : 'on'}`);
   }
 
   performFollowSpindle() {

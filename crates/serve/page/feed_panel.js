@@ -4,7 +4,7 @@
 
 import { button, element, setChildren, setOff, setText, isOff } from './element.js';
 import { confirm, openDialog } from './dialog.js';
-import { feedUnit, formatDuration, formatFeed, formatPercent } from './units.js';
+import { feedUnit, formatDuration, formatFeed, formatLength, formatPercent } from './units.js';
 import { sign } from './signs.js';
 
 const SHOWN_OUTPUTS = 4;
@@ -20,6 +20,14 @@ const CUTTER_WORDS = {
   test: 'TEST PULSE',
 };
 
+const HEIGHT_WORDS = {
+  off: 'height control off',
+  waiting: 'height control waits for the feed',
+  active: 'height control active',
+  held: 'height stays',
+  at_limit: 'height AT THE END OF ITS RANGE',
+};
+
 const OFF_REASONS = {
   at_rest: 'at rest too long',
   reverse: 'reverse run',
@@ -29,6 +37,7 @@ const OFF_REASONS = {
   not_started: 'it did not start',
   no_sheet: 'no sheet found',
   sheet_contact: 'touched the sheet',
+  height_limit: 'height control at the end of its range',
   operator: 'by the operator',
   program_end: 'end of the program',
   job_stopped: 'the job was stopped',
@@ -52,6 +61,7 @@ export class FeedPanel {
     this.spindle = figure('spindle');
     this.spindle.node.hidden = true;
     this.cutter = element('p', { class: 'cutter-line' });
+    this.height = this.heightKeys();
     this.feedOverride = this.overrideKeys('feed', 'slower');
     this.rapidOverride = this.overrideKeys('rapid', 'rapid-override');
     this.outputs = element('div', { class: 'outputs', role: 'group', 'aria-label': 'Outputs' });
@@ -60,11 +70,31 @@ export class FeedPanel {
       element('div', { class: 'figures' }, this.feed.node, this.rate.node, this.left.node, this.run.node, this.spindle.node),
       element('div', { class: 'overrides' }, this.feedOverride.node, this.rapidOverride.node),
       this.cutter,
+      this.height.node,
       this.outputs,
     );
     store.on('hello', hello => this.build(hello));
     store.on('state control link', () => this.showState());
     actions.register({ outputs: () => this.openOutputs() });
+  }
+
+  /** Height control: what it does, and its keys. */
+  heightKeys() {
+    const text = element('span', { class: 'height-text' });
+    const key = (id, label, title) => {
+      const press = event => !isOff(event.currentTarget) && this.actions.perform(id);
+      return { id, node: button(label, press, { 'aria-label': title, title }) };
+    };
+    const buttons = [
+      key('height-down', '−', 'Torch lower'),
+      key('height-up', '+', 'Torch higher'),
+      key('height-reset', '0', 'Voltage of the material'),
+      key('height-control', 'THC', 'Height control on, off'),
+    ];
+    const node = element('div', { class: 'height-line', role: 'group', 'aria-label': 'Height control' }, text);
+    node.append(...buttons.map(each => each.node));
+    node.hidden = true;
+    return { node, text, buttons };
   }
 
   overrideKeys(name, id) {
@@ -211,6 +241,21 @@ export class FeedPanel {
     setText(this.spindle.value, `${rpm ?? 0}/min${gear}`);
   }
 
+  /** Shows what height control does, on a machine that has it. */
+  showHeight(height) {
+    const { node, text, buttons } = this.height;
+    node.hidden = !height;
+    if (!height) return;
+    const parts = [height.is_on ? HEIGHT_WORDS[height.state] : 'height control OFF'];
+    if (height.volts !== null) parts.push(`${height.volts.toFixed(1)} V`);
+    if (height.offset_volts !== 0) parts.push(`${height.offset_volts > 0 ? '+' : ''}${height.offset_volts} V by hand`);
+    parts.push(formatLength(height.layer_mm, 2));
+    setText(text, parts.join(' · '));
+    node.dataset.state = height.is_on ? height.state : 'stopped';
+    for (const each of buttons) setOff(each.node, !this.store.allows(each.id));
+    buttons.at(-1).node.setAttribute('aria-pressed', String(height.is_on));
+  }
+
   /** Shows the newest live figures; called once a frame. */
   show() {
     const { live, state } = this.store;
@@ -222,6 +267,7 @@ export class FeedPanel {
     setText(this.run.value, formatDuration(live?.run_s));
     this.showSpindle(live);
     this.showCutter(state, live);
+    this.showHeight(live?.height);
   }
 
   showCutter(state, live) {

@@ -6,8 +6,8 @@
 use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
-use retrace_link::GearState;
-use retrace_tui::{AxisHoming, PanelStatus, ProgramCheck, ScreenModel, ScreenStage};
+use retrace_link::{GearState, channel};
+use retrace_tui::{AxisHoming, HeightFigures, PanelStatus, ProgramCheck, ScreenModel, ScreenStage};
 use serde::Serialize;
 
 /// Units of a record's fraction in a record.
@@ -164,6 +164,9 @@ pub(crate) struct LiveView {
     /// What the motion does with its angle: `off`, `waiting`, `engaged`, or `by_hand` where the spindle is turned by
     /// hand.
     gear: &'static str,
+    /// Height control, on a machine that has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    height: Option<HeightView>,
 }
 
 /// The messages.
@@ -357,9 +360,23 @@ impl ProgramView {
     }
 }
 
+/// Height control: what it does, the arc voltage, what the operator adds to its target, and how far the tool is above
+/// its path.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+struct HeightView {
+    state: &'static str,
+    is_on: bool,
+    volts: Option<f64>,
+    offset_volts: f64,
+    layer_mm: f64,
+}
+
 /// Every output that is or should be on, and every other one that was ever reported.
 fn outputs(model: &ScreenModel) -> Vec<OutputView> {
     let mut channels: Vec<u8> = model.outputs.keys().chain(model.program_outputs.keys()).copied().collect();
+    // Those of height control are figures of their own.
+    channels.retain(|number| !matches!(*number, channel::HEIGHT_HOLD | channel::HEIGHT_OFFSET));
     channels.sort_unstable();
     channels.dedup();
     let view = |channel| OutputView { channel, value: model.output(channel), expected: model.program_output(channel) };
@@ -418,6 +435,13 @@ impl LiveView {
                 GearState::Engaged if model.follows_spindle => "by_hand",
                 GearState::Engaged => "engaged",
             },
+            height: HeightFigures::of(model).map(|of| HeightView {
+                state: of.state,
+                is_on: of.is_on,
+                volts: of.volts.map(|volts| rounded(volts, 10.0)),
+                offset_volts: rounded(of.offset_volts, 100.0),
+                layer_mm: rounded(of.layer_mm, 1e3),
+            }),
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: an event without words of its own is shown as everywhere else.
 
-use retrace_controller::{DncStep, Event, EventKind, OperatorCommand, rate_percent};
+use retrace_controller::{DncStep, Event, EventKind, HeightCommand, OperatorCommand, rate_percent};
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
@@ -121,6 +121,11 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::SpindleStart => "start the spindle".into(),
         OperatorCommand::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
         OperatorCommand::ToolLength(length) => length.to_string(),
+        OperatorCommand::Height(HeightCommand::Up) => "height control: one step higher".into(),
+        OperatorCommand::Height(HeightCommand::Down) => "height control: one step lower".into(),
+        OperatorCommand::Height(HeightCommand::Reset) => "height control: the voltage of the material".into(),
+        OperatorCommand::Height(HeightCommand::Control(true)) => "height control on".into(),
+        OperatorCommand::Height(HeightCommand::Control(false)) => "height control off: the height stays".into(),
         OperatorCommand::FollowSpindle(true) => "the axes follow the spindle turned by hand".into(),
         OperatorCommand::FollowSpindle(false) => "the axes no longer follow the spindle".into(),
         OperatorCommand::Online => "return to on-line mode".into(),

@@ -16,7 +16,7 @@ use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_gcode::{CanonStep, Program, Progress};
 use retrace_hal_sim::{Clock, PlantSettings, SimCard};
 use retrace_journal::{HoldReason, JournalConfig};
-use retrace_link::{OutputChange, PathStart, SpindleStatus};
+use retrace_link::{AnalogInputs, HeightState, OutputChange, PathStart, SpindleStatus};
 
 use crate::model::{ScreenModel, ScreenStage};
 use crate::model_observer::{ModelObserver, lock_model};
@@ -367,6 +367,8 @@ impl FakeMachine {
             cut_um: 0,
             cut_from: None,
             spindle: SpindleStatus::default(),
+            height: HeightState::Off,
+            analog_inputs: AnalogInputs::default(),
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

@@ -3,7 +3,7 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
-use retrace_controller::{CutStart, ManualTask, OperatorCommand};
+use retrace_controller::{CutStart, HeightCommand, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
@@ -303,6 +303,13 @@ impl KeyState {
             }
             KeyAction::Spindle if model.output(channel::SPINDLE) == 0 => OperatorCommand::SpindleStart,
             KeyAction::Spindle => OperatorCommand::SpindleStop,
+            KeyAction::HeightUp => OperatorCommand::Height(HeightCommand::Up),
+            KeyAction::HeightDown => OperatorCommand::Height(HeightCommand::Down),
+            KeyAction::HeightReset => OperatorCommand::Height(HeightCommand::Reset),
+            KeyAction::HeightControl => {
+                let is_off = model.output(channel::HEIGHT_OFFSET) == channel::HEIGHT_STAYS;
+                OperatorCommand::Height(HeightCommand::Control(is_off))
+            }
             KeyAction::FollowSpindle => OperatorCommand::FollowSpindle(!model.follows_spindle),
             KeyAction::Online => OperatorCommand::Online,
             KeyAction::Jog | KeyAction::JogDown | KeyAction::JogUp => return self.jog(key, now_ms, model),

@@ -121,6 +121,14 @@ pub(crate) enum KeyAction {
     Spindle,
     /// Lets the axes follow the spindle while it is turned by hand, or no longer.
     FollowSpindle,
+    /// Height control one step higher.
+    HeightUp,
+    /// Height control one step lower.
+    HeightDown,
+    /// Height control to the voltage of the material.
+    HeightReset,
+    /// Height control on or off.
+    HeightControl,
     /// Enters the length of a new tool.
     ToolLength,
     /// On-line mode.
@@ -347,6 +355,14 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: restart it", PAUSED, KeyAction::Spindle),
     row(&[Key::Char('G')], "G", "by hand", "in a held thread: axes follow the spindle turned by hand", RUN | RETRACE,
         KeyAction::FollowSpindle),
+    row(&[Key::Char(']')], "]", "higher", "height control: the torch one step higher", RUN | RETRACE,
+        KeyAction::HeightUp),
+    row(&[Key::Char('[')], "[", "lower", "height control: the torch one step lower", RUN | RETRACE,
+        KeyAction::HeightDown),
+    row(&[Key::Char(';')], ";", "height 0", "height control: back to the voltage of the material", RUN | RETRACE,
+        KeyAction::HeightReset),
+    row(&[Key::Char('|')], "|", "height", "height control on, off; off, the height stays", RUN | RETRACE,
+        KeyAction::HeightControl),
     row(&[Key::Char('M')], "M", "M1 stop", "optional stop (M1) on, off", SETUP | JOB, KeyAction::OptionalStop),
     row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED,
         KeyAction::ToolLength),

@@ -35,6 +35,7 @@ mod event_text;
 mod fake_machine;
 mod files;
 mod geared_status;
+mod height_text;
 mod key_state;
 mod keys;
 mod layout;
@@ -60,6 +61,7 @@ mod work_tables;
 mod tests;
 
 pub use diagnostic_text::diagnostic_lines;
+pub use height_text::HeightFigures;
 pub use model::{
     Active, AlarmShown, AxisHoming, Message, MotionKind, Pause, Question, Redraw, Rejection, ScreenModel, ScreenStage,
     TimeRemaining,
@@ -68,7 +70,7 @@ pub use model_observer::{ModelObserver, lock_model};
 pub use operator_panel::{PanelAction, PanelStatus, panel_actions, panel_status};
 pub use path_length::PathLengths;
 pub use preview::Preview;
-pub use program_facts::{AxisFacts, CutterFacts, Planned, ProgramCheck, ProgramFacts, Text, ToolFacts};
+pub use program_facts::{AxisFacts, CutterFacts, HeightFacts, Planned, ProgramCheck, ProgramFacts, Text, ToolFacts};
 pub use screen::{Screen, restore_terminal};
 pub use sheet_text::of as sheet_text;
 pub use trail::{Trail, TrailPoint};

@@ -9,7 +9,7 @@ use retrace_controller::{ContourStates, CutterState, DifferingOutput, PlannedPat
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
-use retrace_link::{SpindleStatus, channel};
+use retrace_link::{AnalogInputs, HeightState, SpindleStatus, channel};
 
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
@@ -175,6 +175,10 @@ pub struct ScreenModel {
     pub counts: Vec<i64>,
     /// Layer in the count of the tool axis, pulses.
     pub layer: i64,
+    /// State of height control.
+    pub height: HeightState,
+    /// Readings of the analog inputs.
+    pub analog_inputs: AnalogInputs,
     /// Machine position of the work zero, mm (degrees).
     pub work_zero_mm: Vec<f64>,
     /// Angle by which work X and Y are turned from those of the machine, degrees counter-clockwise.
@@ -309,6 +313,8 @@ impl ScreenModel {
             ended: None,
             counts: vec![0; axes],
             layer: 0,
+            height: HeightState::Off,
+            analog_inputs: AnalogInputs::default(),
             work_zero_mm: vec![0.0; axes],
             work_rotation_deg: 0.0,
             moved_mm: vec![0.0; axes],

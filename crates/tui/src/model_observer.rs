@@ -14,7 +14,7 @@ use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, RecordIndex};
 use retrace_gcode::{Axis, FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
-use retrace_link::{CutterOffCause, GearState, channel};
+use retrace_link::{GearState, channel};
 
 use crate::event_text;
 use crate::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
@@ -258,6 +258,7 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
         *slot += i64::from(period.layer);
     }
     model.layer = i64::from(period.layer);
+    (model.height, model.analog_inputs) = (period.height, period.analog_inputs);
     model.spindle = period.spindle;
     model.follows_spindle &= period.spindle.gear == GearState::Engaged && period.hold_reason == HoldReason::Hold;
     let feed = step_mm / model.facts.period_s.max(1e-9) * 60.0;
@@ -393,7 +394,8 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
                 matches!(reason, CutterOffReason::Card(_) | CutterOffReason::Operator | CutterOffReason::NotLatched);
             if holds {
                 (model.restarting, model.recovering) = (None, false);
-                model.lost_cutter = (*reason == CutterOffReason::Card(CutterOffCause::Lost)).then_some(*channel);
+                model.lost_cutter =
+                    matches!(reason, CutterOffReason::Card(cause) if cause.ends_cut()).then_some(*channel);
             }
             model.cutter_is_off |= holds && model.mode == Mode::Run && model.program_output(*channel) != 0;
         }

@@ -6,7 +6,7 @@ use retrace_core::RecordIndex;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use retrace_config::{CutterConfig, EncoderConfig, MachineConfig, channel_name};
+use retrace_config::{AnalogInput, CutterConfig, EncoderConfig, MachineConfig, channel_name};
 use retrace_controller::{ContourList, PlannedPath};
 use retrace_link::channel;
 
@@ -96,6 +96,13 @@ pub enum ProgramCheck {
     CheckedAsItRuns,
 }
 
+/// Height control of a machine.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HeightFacts {
+    /// The analog input that reads the arc voltage, if one does.
+    pub volts: Option<AnalogInput>,
+}
+
 /// Facts about machine and program.
 #[derive(Clone, Debug, Default)]
 pub struct ProgramFacts {
@@ -123,6 +130,8 @@ pub struct ProgramFacts {
     pub check: ProgramCheck,
     /// Encoder of the spindle.
     pub encoder: Option<EncoderConfig>,
+    /// Height control, if the machine has it.
+    pub height: Option<HeightFacts>,
     /// Index of the axis whose layer is added to its path, on a machine that senses the sheet.
     pub layer_axis: Option<usize>,
     /// Tool table.
@@ -150,6 +159,7 @@ impl ProgramFacts {
             machine: machine.name.clone(),
             axes: axes.collect(),
             encoder: machine.encoder,
+            height: machine.height_control().map(|of| HeightFacts { volts: of.volts_input().cloned() }),
             period_s: machine.period_s(),
             program: Text::new(name, text),
             start_position_mm: machine.stands_at_mm.clone(),

@@ -39,6 +39,10 @@ fn run(height: &str, program: &str, faults: &str, script: &str) -> (Run, Vec<Sam
     run_to("completed", height, program, faults, script)
 }
 
+fn time_s(sample: &Sample) -> f64 {
+    sample.at_us as f64 / 1e6
+}
+
 /// Where the axis X is, in mm.
 fn x(sample: &Sample) -> f64 {
     sample.counts[0] as f64 / 200.0
@@ -141,4 +145,48 @@ fn a_sheet_out_of_range_ends_the_cut() {
     let first = lit.first().map_or(0, |sample| sample.layer);
     assert!(highest - first <= 401, "{} pulses above where it took over", highest - first);
     assert!(lit.iter().all(|sample| x(sample) < 250.0), "the torch is off behind the limit");
+}
+
+/// A flat sheet: two steps higher are 2 V and 0.2 mm, one key undoes them, and with the control off nothing moves. A
+/// restart keeps what the operator has set, the next job does not.
+#[test]
+fn the_operator_sets_the_height() {
+    const PROGRAM: &str = "G21 G90 F600\nG0 X10\nM3 S1\nG1 X110\nM5\nG0 X0\nM2\n";
+    const SCRIPT: &str = "at 6s height up\nafter 1 periods height up\nat 8s height reset\nat 10s height control off\n\
+        after 1 periods height down\nat 12s height control on\n";
+    let quiet = "delay_s = 0.2, band_volts = 0.1, mm_per_s_per_volt = 2, filter_hz = 3";
+    let (run, trace) = run(quiet, PROGRAM, "warp=0", SCRIPT);
+    run.assert_exact_and_legal();
+    assert_eq!(run.of_kind("command_rejected").count(), 0, "{}", run.output.out);
+    let at = |seconds: f64| {
+        let sample = trace.iter().find(|sample| time_s(sample) >= seconds).expect("it runs as long");
+        (sample.counts[2] + sample.layer - SHEET) as f64 / TOOL_PULSES
+    };
+    // 10 mm/s: 2.9 V more than at full speed are 0.3 mm less.
+    let usual = at(5.9);
+    for (seconds, wanted) in [(7.9, usual + 0.2), (9.9, usual), (11.9, usual), (13.9, usual - 0.1)] {
+        assert!((at(seconds) - wanted).abs() < 0.05, "{seconds} s: {} mm, not {wanted}", at(seconds));
+    }
+    let off: Vec<i64> = trace.iter().filter(|of| (10.1..11.9).contains(&time_s(of))).map(|of| of.layer).collect();
+    assert!(off.iter().all(|&layer| layer == off[0]), "the height stays");
+}
+
+/// Without height control, and where two inputs control it, there is no voltage to change.
+#[test]
+fn a_machine_without_a_voltage_refuses_its_words() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X110\nM5\nM2\n";
+    for (height, wanted) in [("", "has no `height`"), ("height = { up = 3, down = 4 }\n", "controlled by two inputs")] {
+        let bench = Bench::new();
+        let cutter = machine(&format!("{SENSE} }}\n{}", height.trim_end().trim_end_matches('}')));
+        let cutter = if height.is_empty() { machine(SENSE) } else { cutter };
+        for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &cutter), ("materials.toml", MATERIALS)] {
+            bench.file(name, text);
+        }
+        let (machine, script) = (bench.path("m.toml").display().to_string(), bench.file("s.op", "at 1s height up\n"));
+        let operator = script.display().to_string();
+        let run = Run::of(&bench, &bench.path("part.ngc"), &["--machine", &machine, "--operator", &operator]);
+        assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+        let refused: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
+        assert!(refused.len() == 1 && refused[0].contains(wanted), "{refused:?} {}", run.output.out);
+    }
 }

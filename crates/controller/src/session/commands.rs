@@ -88,6 +88,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::CutterOn => return self.cutter_on(),
             OperatorCommand::TestPulse => return self.test_pulse(),
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
+            OperatorCommand::Height(command) => return self.change_height(command),
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::SkipContour => return self.skip_contour(),
             // Handled above.

@@ -16,6 +16,7 @@ mod cutter_watch;
 mod direct_return;
 mod dnc_pause;
 mod geared;
+mod height_by_hand;
 mod input_wait;
 mod job_phase;
 mod kerf_search;
@@ -60,6 +61,7 @@ use contour_pass::ContourPass;
 use cut_map::CutMap;
 use direct_return::RetraceEstimate;
 use geared::GearedMotion;
+use height_by_hand::HeightByHand;
 use input_wait::InputWait;
 use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
@@ -150,6 +152,7 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     probing: ProgramProbing<A>,
     /// Motion that follows the spindle.
     geared: GearedMotion,
+    height: HeightByHand,
     /// Wait of the program for an input.
     input_wait: Option<InputWait>,
     /// Test pulse that is on.
@@ -215,6 +218,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             tool_lift: ToolLift::default(),
             probing: ProgramProbing::new(machine),
             geared: GearedMotion::default(),
+            height: HeightByHand::default(),
             input_wait: None,
             test_pulse: None,
             wheel_was_behind: false,
@@ -237,6 +241,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // Every card accepts this command; it changes only what retracing does.
         let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         self.apply_rate_override();
+        self.reset_height();
         self.telemetry.send_output_changes(&self.card.status().outputs);
         self.emit(EventKind::Started);
         self.report_restored_contours();

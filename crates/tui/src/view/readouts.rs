@@ -10,6 +10,7 @@ use retrace_link::{GearState, channel};
 
 use super::{Theme, fold, pane, put_at, truncate};
 use crate::cut_text;
+use crate::height_text::HeightFigures;
 use crate::key_state::{KeyState, STEPS_MM};
 use crate::model::{AxisHoming, ScreenModel, ScreenStage};
 use crate::program_facts::CutterFacts;
@@ -164,6 +165,7 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
     let inside = pane(out, area, "state", theme);
     let width = usize::from(inside.width).saturating_sub(2);
     let mut lines: Vec<String> = cutters(model).iter().flat_map(|line| fold(line, width, 2)).collect();
+    lines.extend(HeightFigures::of(model).map(|of| of.text()).iter().flat_map(|line| fold(line, width, 2)));
     if lines.is_empty() {
         lines.extend([Some(spindle(model)), measured(model), Some(outputs(model))].into_iter().flatten());
     } else {

@@ -1,0 +1,70 @@
+//! Height control by hand: its target higher and lower, and switched off (CUT-56).
+//!
+//! Invariant: what the operator has set is kept for the job and ends with it; it moves nothing by itself, since the
+//! card controls the height only while a cutter cuts.
+
+use retrace_link::{MotionCard, OutputChange, Outputs, channel};
+
+use super::Session;
+use crate::operator::{CommandError, HeightCommand};
+
+const NO_CONTROL: CommandError = CommandError::NotNow("the machine file has no `height` in a `[[cutter]]`");
+const NO_VOLTS: CommandError =
+    CommandError::NotNow("the height is controlled by two inputs: only the controller on them has a target");
+const TOO_FAR: CommandError = CommandError::NotNow("the target would be more than 50 V from that of the material");
+
+/// Greatest change of the target, in V.
+const MAX_VOLTS: f64 = 50.0;
+
+/// What the operator has set.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct HeightByHand {
+    /// Steps by which the target is higher than that of the material.
+    steps: i32,
+    /// Whether the height stays.
+    is_off: bool,
+}
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// Executes a command for height control.
+    pub(super) fn change_height(&mut self, command: HeightCommand) -> Result<(), CommandError> {
+        let control = self.recovery.machine().height_control().ok_or(NO_CONTROL)?;
+        let (step_volts, has_volts) = (control.config().step_volts, control.volts_input().is_some());
+        let mut height = self.height;
+        match command {
+            HeightCommand::Control(on) => height.is_off = !on,
+            _ if !has_volts => return Err(NO_VOLTS),
+            HeightCommand::Up => height.steps += 1,
+            HeightCommand::Down => height.steps -= 1,
+            HeightCommand::Reset => height.steps = 0,
+        }
+        let volts = f64::from(height.steps) * step_volts;
+        if volts.abs() > MAX_VOLTS && command != HeightCommand::Reset {
+            return Err(TOO_FAR);
+        }
+        let value = if height.is_off { channel::HEIGHT_STAYS } else { control.readings(volts).round() as i32 };
+        if !self.send_manual_output(OutputChange { channel: channel::HEIGHT_OFFSET, value }) {
+            return Err(CommandError::NoOutput(channel::HEIGHT_OFFSET));
+        }
+        self.height = height;
+        Ok(())
+    }
+
+    /// At the beginning of a job: the card has no offset of another job.
+    pub(super) fn reset_height(&mut self) {
+        let outputs = &self.card.status().outputs;
+        if outputs.get(usize::from(channel::HEIGHT_OFFSET)).is_some_and(|&value| value != 0) {
+            // A card without such a channel controls no height.
+            self.send_manual_output(OutputChange { channel: channel::HEIGHT_OFFSET, value: 0 });
+        }
+    }
+}
+
+/// The outputs, but what the operator has set for height control: no program expects a value of it.
+pub(super) const fn without_height_offset(mut outputs: Outputs, wants: &Outputs) -> Outputs {
+    let at = channel::HEIGHT_OFFSET as usize;
+    if at < outputs.len() {
+        outputs[at] = wants[at];
+    }
+    outputs
+}
