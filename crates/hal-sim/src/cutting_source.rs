@@ -12,8 +12,8 @@ const CELL_NM: f64 = 50_000.0;
 /// Longest step, in cells, between two samples of a stroke.
 const STEP_CELLS: f64 = 0.5;
 
-/// Distance ahead of the torch at which a kerf shows in the voltage, in cells.
-const KERF_AHEAD_CELLS: f64 = 5.0;
+/// Distances ahead of the torch at which a kerf shows in the voltage, in cells.
+const KERF_AHEAD_CELLS: std::ops::RangeInclusive<u8> = 5..=25;
 /// Distance at which an arc reaches metal around a hole, in cells.
 const REACH_CELLS: i32 = 10;
 /// Number of cut cells within that distance up to which the place is a hole, and not a kerf: 0.15 mm.
@@ -255,8 +255,8 @@ impl CuttingSource {
             return Some((of.input, of.dark_reading()));
         }
         let is_over_kerf = self.at.is_some_and(|at| {
-            let ahead = cell_at([at[0] + KERF_AHEAD_CELLS * x, at[1] + KERF_AHEAD_CELLS * y]);
-            self.sheet.is_cut(ahead)
+            let mut ahead = KERF_AHEAD_CELLS.map(f64::from);
+            ahead.any(|cells| self.sheet.is_cut(cell_at([at[0] + cells * x, at[1] + cells * y])))
         });
         Some((of.input, of.reading(positions, speed, is_over_kerf, &mut self.noise)))
     }

@@ -112,6 +112,28 @@ fn the_torch_does_not_dive_in_a_corner() {
     assert!(lowest > HEIGHT - 0.15, "{lowest} mm");
 }
 
+/// A kerf that is crossed: the program knows it, so that the layer does not change by a pulse although the voltage rises
+/// by 20 V and nothing looks for voids. The same in a cut by a material without a kerf shows the dive.
+#[test]
+fn a_known_kerf_is_crossed_without_a_dive() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X60 Y10\nM3 S1\nG1 Y50\nM5\nG0 X10 Y30\nM3\nG1 X110\nM5\nG0 X0 Y0\nM2\n";
+    let moves = |materials: &str| {
+        let bench = bench("delay_s = 0.1, slope_volts_per_s = 0", PROGRAM);
+        bench.file("materials.toml", materials);
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let run =
+            Run::of(&bench, &bench.path("part.ngc"), &["--machine", &machine, "--vcd", &vcd.display().to_string()]);
+        assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+        run.assert_exact_and_legal();
+        let trace = samples(&vcd);
+        let crossing = trace.windows(2).filter(|pair| is_cutting(pair) && pair[1].counts[1] == 6_000);
+        let crossing = crossing.filter(|pair| (x(&pair[1]) - 60.0).abs() < 1.4);
+        crossing.filter(|pair| pair[0].layer != pair[1].layer).count()
+    };
+    assert_eq!(moves(MATERIALS), 0);
+    assert!(moves(&MATERIALS.replace("kerf_mm = 1.4\n", "")) > 5);
+}
+
 /// Sampled, a wrong distance is kept: the height is that of the beginning, whatever the voltage is.
 #[test]
 fn a_material_without_a_voltage_samples_it() {

@@ -9,6 +9,7 @@ mod cut_areas;
 mod entered_length;
 mod feed;
 mod jet;
+mod kerf_map;
 mod orient;
 mod probing;
 mod surface_speed;
@@ -31,6 +32,7 @@ use crate::spline::chords;
 
 use cut_areas::CutAreas;
 use entered_length::LengthCorrection;
+use kerf_map::KerfMap;
 use surface_speed::SurfaceSpeed;
 pub(crate) use tool_height::HEIGHT;
 use tool_height::LayerState;
@@ -115,6 +117,8 @@ pub(crate) struct CanonExecutor<'m> {
     is_proof_ignored: bool,
     /// Whether the height stays where it is controlled.
     is_height_held: bool,
+    /// Kerfs that the program has cut, where the height is controlled.
+    kerfs: Option<KerfMap>,
     /// The material; `None` without a material table.
     material: Option<Arc<Material>>,
     cutters: CutterTrack,
@@ -166,6 +170,7 @@ impl<'m> CanonExecutor<'m> {
             is_cutter_forbidden: false,
             is_proof_ignored: false,
             is_height_held: false,
+            kerfs: None,
             material: None,
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,
@@ -353,6 +358,9 @@ impl<'m> CanonExecutor<'m> {
             self.before_feed(line, sink)?;
         }
         self.layer_before_move(&own, is_rapid, line, sink)?;
+        if !is_rapid {
+            self.hold_over_kerfs(&really, None, line, sink);
+        }
         self.give_line((&self.position(), own), feed, self.path, line, sink)?;
         self.record_move_end(position, &really);
         self.follow_contour();
@@ -402,6 +410,7 @@ impl<'m> CanonExecutor<'m> {
         };
         self.before_feed(line, sink)?;
         self.layer_before_move(&own.end_mm, false, line, sink)?;
+        self.hold_over_kerfs(&really, Self::flat_arc(arc, &centre), line, sink);
         self.give_arc(&own, line, sink)?;
         self.record_move_end(position, &really);
         if let Some(areas) = self.cut_areas.as_mut().filter(|_| arc.plane == Plane::Xy) {
@@ -433,6 +442,8 @@ impl<'m> CanonExecutor<'m> {
             }
             let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
             let own: [f64; A] = self.machine_coordinates(&really)?;
+            // A chord early: the one before is still held back.
+            self.hold_over_kerfs(&really, None, line, sink);
             if let Some(before) = held.replace(own) {
                 self.give_line((&start, before), feed, inside, line, sink)?;
                 start = before;

@@ -228,6 +228,9 @@ impl<'m> CanonExecutor<'m> {
         if value == 0 && cuts && pause_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
             self.dwell(pause_s, code, line, sink)?;
         }
+        if value == 0 && cuts {
+            self.end_kerf_hold(line, sink);
+        }
         self.spindle_turns = Some(value != 0);
         if channel == channel::SPINDLE {
             self.note_spindle_change(channel);
@@ -291,6 +294,7 @@ impl<'m> CanonExecutor<'m> {
         if allowed {
             return;
         }
+        self.end_kerf_hold(line, sink);
         let machine = self.machine;
         for cutter in machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()) {
             let change = OutputChange { channel: cutter.fire, value: 0 };
@@ -328,7 +332,8 @@ impl<'m> CanonExecutor<'m> {
         if !is_controlled || std::mem::replace(&mut self.is_height_held, held) == held {
             return Ok(());
         }
-        self.switch_in_passing(OutputChange { channel: channel::HEIGHT_HOLD, value: i32::from(held) }, line, sink)
+        let value = i32::from(held || self.holds_over_kerf());
+        self.switch_in_passing(OutputChange { channel: channel::HEIGHT_HOLD, value }, line, sink)
     }
 
     /// Switches what belongs to a cut: without a stop while a cutter is on.

@@ -51,6 +51,7 @@ impl CanonExecutor<'_> {
         self.layer = LayerState::AtCut;
         let at = self.actual_position();
         self.cut_areas.iter_mut().for_each(|areas| areas.begin([at[Axis::X], at[Axis::Y]]));
+        self.begin_kerf();
         // Where other heights follow beside the motion, that begins at the height of the pierce.
         let first_mm = if self.later_heights(pierce_mm).is_empty() { cut_mm } else { pierce_mm };
         let may_skip = self.skips_sensing(path_mm, layer.sensing().skip_mm);
