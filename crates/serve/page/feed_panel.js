@@ -20,12 +20,14 @@ const CUTTER_WORDS = {
   test: 'TEST PULSE',
 };
 
+/** What height control does: in a word, and in a sentence. */
 const HEIGHT_WORDS = {
-  off: 'height control off',
-  waiting: 'height control waits for the feed',
-  active: 'height control active',
-  held: 'height stays',
-  at_limit: 'height AT THE END OF ITS RANGE',
+  off: ['off', 'Height control is off: nothing is cut'],
+  waiting: ['waiting', 'Height control waits for its delay and the feed'],
+  active: ['active', 'Height control moves the torch'],
+  held: ['stays', 'The height stays: a corner, a void, a kerf, or the program'],
+  at_limit: ['AT LIMIT', 'The torch is at the end of its range'],
+  stopped: ['OFF', 'The operator has switched height control off'],
 };
 
 const OFF_REASONS = {
@@ -246,11 +248,12 @@ export class FeedPanel {
     const { node, text, buttons } = this.height;
     node.hidden = !height;
     if (!height) return;
-    const parts = [height.is_on ? HEIGHT_WORDS[height.state] : 'height control OFF'];
+    const [word, sentence] = HEIGHT_WORDS[height.is_on ? height.state : 'stopped'];
+    const parts = [word];
     if (height.volts !== null) parts.push(`${height.volts.toFixed(1)} V`);
-    if (height.offset_volts !== 0) parts.push(`${height.offset_volts > 0 ? '+' : ''}${height.offset_volts} V by hand`);
-    parts.push(formatLength(height.layer_mm, 2));
+    if (height.offset_volts !== 0) parts.push(`${height.offset_volts > 0 ? '+' : ''}${height.offset_volts} V`);
     setText(text, parts.join(' · '));
+    text.title = `${sentence}. Layer: ${formatLength(height.layer_mm, 2)}`;
     node.dataset.state = height.is_on ? height.state : 'stopped';
     for (const each of buttons) setOff(each.node, !this.store.allows(each.id));
     buttons.at(-1).node.setAttribute('aria-pressed', String(height.is_on));

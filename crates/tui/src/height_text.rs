@@ -61,7 +61,7 @@ impl HeightFigures {
         // −0 as 0
         let offset = (self.offset_volts * 100.0).round() / 100.0 + 0.0;
         let by_hand = if offset == 0.0 { String::new() } else { format!(" · {offset:+} V by hand") };
-        format!("height control {state}{volts}{by_hand} · height {:+.2} mm", self.layer_mm + 0.0)
+        format!("height control {state}{volts}{by_hand} · layer {:+.2} mm", self.layer_mm + 0.0)
     }
 }
 
@@ -73,10 +73,10 @@ mod tests {
     fn the_line_says_what_the_control_does() {
         let figures =
             HeightFigures { state: "active", is_on: true, volts: Some(115.26), offset_volts: 0.0, layer_mm: -70.5 };
-        assert_eq!(figures.text(), "height control active · arc 115.3 V · height -70.50 mm");
+        assert_eq!(figures.text(), "height control active · arc 115.3 V · layer -70.50 mm");
         let by_hand = HeightFigures { offset_volts: 1.999, volts: None, state: "at_limit", ..figures.clone() };
-        assert_eq!(by_hand.text(), "height control AT THE END OF ITS RANGE · +2 V by hand · height -70.50 mm");
+        assert_eq!(by_hand.text(), "height control AT THE END OF ITS RANGE · +2 V by hand · layer -70.50 mm");
         let off = HeightFigures { is_on: false, layer_mm: -0.0, ..figures };
-        assert_eq!(off.text(), "height control OFF by the operator · arc 115.3 V · height +0.00 mm");
+        assert_eq!(off.text(), "height control OFF by the operator · arc 115.3 V · layer +0.00 mm");
     }
 }

@@ -11,6 +11,7 @@ mod notices;
 mod program_view;
 mod retrace_by_bar;
 mod setting_up;
+mod torch;
 
 use retrace_tests::browser::Browser;
 use retrace_tests::command::Bench;
