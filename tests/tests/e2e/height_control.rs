@@ -2,11 +2,12 @@
 //!
 //! Invariant: what is asserted of the tool axis is its path and its layer together, which is what its steps make.
 
-use retrace_tests::command::Bench;
+use retrace_tests::command::{Bench, root};
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
+use serde_json::json;
 
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
     pierce_height_mm = 3.8\npierce_delay_s = 0.2\ncut_height_mm = 1.5\nfeed_mm_per_min = 3000\nvolts = 115\n";
@@ -112,8 +113,8 @@ fn the_torch_does_not_dive_in_a_corner() {
     assert!(lowest > HEIGHT - 0.15, "{lowest} mm");
 }
 
-/// A kerf that is crossed: the program knows it, so that the layer does not change by a pulse although the voltage rises
-/// by 20 V and nothing looks for voids. The same in a cut by a material without a kerf shows the dive.
+/// A kerf that is crossed: the program knows it, so that the layer does not change by a pulse although the voltage
+/// rises by 20 V and nothing looks for voids. The same in a cut by a material without a kerf shows the dive.
 #[test]
 fn a_known_kerf_is_crossed_without_a_dive() {
     const PROGRAM: &str = "G21 G90 F3000\nG0 X60 Y10\nM3 S1\nG1 Y50\nM5\nG0 X10 Y30\nM3\nG1 X110\nM5\nG0 X0 Y0\nM2\n";
@@ -211,4 +212,15 @@ fn a_machine_without_a_voltage_refuses_its_words() {
         let refused: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
         assert!(refused.len() == 1 && refused[0].contains(wanted), "{refused:?} {}", run.output.out);
     }
+}
+
+/// The shipped example, over the sheet of its page.
+#[test]
+fn the_example_follows_its_sheet() {
+    let example = |name: &str| root().join("examples").join(name);
+    let (bench, machine) = (Bench::new(), example("21-height-control.toml").display().to_string());
+    let arguments = ["--machine", &machine, "--source-faults", "warp=5"];
+    let run = Run::of(&bench, &example("21-height-control.ngc"), &arguments);
+    assert_eq!((&run.report["outcome"], &run.report["contours_not_cut"]), (&json!("completed"), &json!(0)));
+    run.assert_exact_and_legal();
 }

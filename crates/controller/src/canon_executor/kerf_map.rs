@@ -100,8 +100,8 @@ impl KerfMap {
         (self.since_near_mm, self.holds) = (f64::INFINITY, false);
     }
 
-    /// Follows a move of the contour: the shares of its length at which the height begins or ceases to be held, from one
-    /// kerf before to one behind.
+    /// Follows a move of the contour: the shares of its length at which the height begins or ceases to be held, from
+    /// one kerf before to one behind.
     fn follow(&mut self, flat: FlatMove) -> Vec<(f64, bool)> {
         let length_mm = flat.length_mm();
         let steps = (2.0 * length_mm / self.kerf_mm).ceil().clamp(1.0, 1e6) as usize;
