@@ -155,6 +155,22 @@ fn a_material_without_a_voltage_samples_it() {
     assert!(worst <= 0.5, "{worst} mm");
 }
 
+/// A hold and a lost arc: each restart senses the sheet where it is there and is controlled again. Nothing
+/// is left uncut, the height is that of the cut, and nothing of the layer remains.
+#[test]
+fn a_restart_senses_and_is_controlled_again() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X460\nM5\nG0 X0\nM2\n";
+    const SCRIPT: &str = "at 8s hold\nafter 1s recover\nat 16s recover\n";
+    let (run, trace) = run("delay_s = 0.2", PROGRAM, &format!("warp={RISE},lose@250"), SCRIPT);
+    run.assert_exact_and_legal();
+    assert_eq!(run.report["not_cut_mm"], 0.0, "{}", run.output.out);
+    assert_eq!(run.report["cut_interruptions"], 2, "{}", run.output.out);
+    let cut = trace.windows(2).filter(|pair| is_cutting(pair));
+    let worst = cut.map(|pair| (height(&pair[1], RISE) - HEIGHT).abs()).fold(0.0, f64::max);
+    assert!(worst <= 0.5, "{worst} mm");
+    assert_eq!(trace.last().map(|sample| sample.counts[2] + sample.layer), Some(0));
+}
+
 /// A sheet that is warped by more than the range: the cut ends at the limit with E3036, and the job waits.
 #[test]
 fn a_sheet_out_of_range_ends_the_cut() {
