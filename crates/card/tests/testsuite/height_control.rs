@@ -10,6 +10,7 @@ use retrace_link::{
     HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputAction, OutputChange, ProofInput, channel,
 };
 
+use crate::common::STOP;
 use crate::layer::{START, TORCH, Table, Z, instruction, layer_settings};
 
 const SHEET: i64 = -900;
@@ -310,24 +311,28 @@ fn two_inputs_move_the_torch() {
     cut.table.assert_limits();
 }
 
-/// What ends a cut ends the control: a hold, the torch switched off, reverse. The layer rests, and nothing but a new
-/// start begins it again.
+/// What ends a cut ends the control: a hold, the torch switched off, reverse, a silent host, an emergency stop. The
+/// layer rests, and nothing but a new start begins it again.
 #[test]
 fn nothing_moves_behind_the_end_of_a_cut() {
-    for way in 0..3 {
+    for way in 0..5 {
         let mut cut = Cut::new(VOLTS, 3000);
         cut.periods(300);
         cut.noise = |_| 3_000;
         cut.periods(5);
-        cut.table.send(match way {
-            0 => HostCommand::rate(Rate::ZERO),
-            1 => HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }),
-            _ => HostCommand::rate(-Rate::ONE),
-        });
+        match way {
+            0 => cut.table.send(HostCommand::rate(Rate::ZERO)),
+            1 => cut.table.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 })),
+            2 => cut.table.send(HostCommand::rate(-Rate::ONE)),
+            3 => cut.table.is_silent = true,
+            _ => cut.table.levels = STOP,
+        }
         cut.periods(130);
         let layer = cut.table.status().layer;
         assert_eq!(cut.table.status().outputs[usize::from(TORCH)], 0);
-        cut.table.send(HostCommand::rate(if way == 2 { -Rate::ONE } else { Rate::ONE }));
+        if way < 3 {
+            cut.table.send(HostCommand::rate(if way == 2 { -Rate::ONE } else { Rate::ONE }));
+        }
         assert_eq!((cut.periods(200).layer, cut.table.status().height_state()), (layer, HeightState::Off), "{way}");
         cut.table.assert_limits();
     }
