@@ -2,11 +2,15 @@
 //!
 //! Invariant: what is asserted of the tool axis is its path and its layer together, which is what its steps make.
 
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
 use retrace_tests::command::{Bench, root};
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
+use retrace_tests::served::ServedCard;
 use serde_json::json;
 
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
@@ -239,4 +243,46 @@ fn the_example_follows_its_sheet() {
     let run = Run::of(&bench, &example("21-height-control.ngc"), &arguments);
     assert_eq!((&run.report["outcome"], &run.report["contours_not_cut"]), (&json!("completed"), &json!(0)));
     run.assert_exact_and_legal();
+}
+
+/// The host is killed in the cut: the torch goes off, and the resumed job knows where the tool axis is. It cuts on, and
+/// the axis ends where its path does.
+#[test]
+fn a_killed_host_leaves_the_height_known() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X460\nM5\nG0 X0\nM2\n";
+    let bench = bench("delay_s = 0.2", PROGRAM);
+    let machine = bench.path("m.toml").display().to_string();
+    let vcd = bench.path("pins.vcd").display().to_string();
+    let faults = format!("warp={RISE}");
+    let card = ServedCard::with(&["--machine", &machine, "--source-faults", &faults, "--vcd", &vcd]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let mut host = bench.start(&run, Stdio::null(), "killed.txt");
+    let text = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap_or_default();
+    wait_for("the cut", || text("killed.txt").contains("\"cut_mm\":2"));
+    host.kill().expect("it is killed");
+    host.wait().expect("it ends");
+    let mut resumed = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "resumed.txt");
+    wait_for("the end", || resumed.try_wait().expect("a child").is_some());
+    let out = text("resumed.txt");
+    assert!(out.contains("\"outcome\":\"completed\""), "{out}");
+    let _ = card.end();
+    let trace = samples(&bench.path("pins.vcd"));
+    assert_eq!(trace.last().map(|sample| sample.counts[2] + sample.layer), Some(0));
+    // In its own kerf the torch has no arc, and so no voltage; from then on the control takes over.
+    let (mut burns_since, mut worst) = (None, 0.0_f64);
+    for pair in trace.windows(2).filter(|pair| is_cutting(pair)) {
+        burns_since = (pair[1].inputs & 1 << 5 != 0).then(|| burns_since.unwrap_or(time_s(&pair[1])));
+        if burns_since.is_some_and(|since| time_s(&pair[1]) > since + 0.4) {
+            worst = worst.max((height(&pair[1], RISE) - HEIGHT).abs());
+        }
+    }
+    assert!(worst > 0.0 && worst <= 0.5, "{worst} mm");
+}
+
+fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "{what} did not come");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }
