@@ -44,7 +44,7 @@ fn print_report<const A: usize>(
     let mut diagnostics = Vec::new();
     // A program that cannot run is not planned: moves beyond the travel may have any length.
     let checked = match program.check_silently_with_progress(machine) {
-        Ok(()) => program.analyse::<A>(machine, &mut diagnostics),
+        Ok(threads) => program.analyse::<A>(machine, threads, &mut diagnostics),
         Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
     };
     if let (true, Err(CommandFailure::Program)) = (args.format.json, &checked) {

@@ -3,7 +3,9 @@
 //! Invariant: a program with an error never starts.
 
 use retrace_config::{CutterKind, MachineConfig, NumberedError};
-use retrace_controller::{CheckFinding, FrameRectangle, LimitCheck, ProgramAnalysis, analyse_program, check_program};
+use retrace_controller::{
+    CheckFinding, FrameRectangle, LimitCheck, ProgramAnalysis, ThreadRuns, analyse_program, check_program,
+};
 use retrace_motion::LimitError;
 use serde_json::Value;
 
@@ -59,18 +61,19 @@ impl Program {
         self.check_by(Self::report_decoder, diagnostics, check).map(|_| ())
     }
 
-    /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
-    /// script, also where it has errors.
+    /// Checks and plans the whole program, for its times and extents. `threads` are those of its check. Adds the
+    /// diagnostics to `diagnostics` for a script, also where it has errors.
     ///
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
     pub fn analyse<'m, const A: usize>(
         &self,
         machine: &'m MachineConfig,
+        threads: ThreadRuns,
         diagnostics: &mut Vec<Value>,
     ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, CommandFailure> {
         let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
-        let analyse = |decoder: &mut Decoder| Ok(analyse_program(machine, decoder).map_err(why)?);
+        let analyse = |decoder: &mut Decoder| Ok(analyse_program(machine, decoder, Some(threads)).map_err(why)?);
         self.check_by(Self::report_decoder, diagnostics, analyse)
     }
 
@@ -79,14 +82,14 @@ impl Program {
     /// # Errors
     /// The program has errors; the text has its diagnostics.
     pub fn check_silently(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.check_silently_by(machine, Self::decoder)
+        self.check_silently_by(machine, Self::decoder).map(drop)
     }
 
-    /// Checks the whole program by itself, at a terminal with a progress bar, and prints nothing.
+    /// Checks the whole program by itself, at a terminal with a progress bar, and prints nothing. Returns its threads.
     ///
     /// # Errors
     /// The program has errors; the text has its diagnostics.
-    pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<(), String> {
+    pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<ThreadRuns, String> {
         self.check_silently_by(machine, Self::report_decoder)
     }
 
@@ -131,16 +134,16 @@ impl Program {
         }
     }
 
-    fn check_silently_by(&self, machine: &MachineConfig, decoder: fn(&Self) -> Decoder) -> Result<(), String> {
+    fn check_silently_by(&self, machine: &MachineConfig, decoder: fn(&Self) -> Decoder) -> Result<ThreadRuns, String> {
         if self.prescan().is_none() {
-            return Ok(());
+            return Ok(ThreadRuns::default());
         }
         let mut decoder = decoder(self);
         let (_, findings, mut checked) = check_program::<9>(machine, &mut decoder);
         self.set_planned_contours(std::mem::take(&mut checked.contours));
         let found = diagnostic_json::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
-        if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }
+        if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(checked.threads) }
     }
 
     fn check_by<S>(

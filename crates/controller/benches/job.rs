@@ -1,5 +1,5 @@
-//! A whole job without a card: text to canonical functions, moves, plan and records. Row S6 of `cargo xtask bench
-//! motion`.
+//! A whole job without a card: text to canonical functions, moves, plan and records, and the check of a threading
+//! program. Rows S6 and S7 of `cargo xtask bench motion`.
 //!
 //! Invariant: the program is made before the clock starts; everything between its text and its last record is timed, on
 //! one core.
@@ -16,7 +16,8 @@ use std::time::Instant;
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    BlockDecoder, Cancelled, DecodedBlock, MotionSink, PlanWriteError, SwitchInstruction, feed_program,
+    BlockDecoder, Cancelled, DecodedBlock, MotionSink, PlanWriteError, SwitchInstruction, analyse_program,
+    check_program, feed_program,
 };
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup, Text};
@@ -102,6 +103,52 @@ fn program(lines: usize, seconds: f64) -> String {
     text + "M2\n"
 }
 
+/// Passes of the threading program.
+const PASSES: u32 = 80;
+
+/// A thread in small infeeds. Each pass leaves the work at 45° in a blended corner, as in LinuxCNC's `threading.ngc`.
+fn threading_program() -> String {
+    let mut text = "G21 G90 G64 P0.02\nS400 M3\n".to_owned();
+    for pass in 0..PASSES {
+        let (depth, infeed) = (0.0125 * f64::from(pass), 0.007 * f64::from(PASSES - pass));
+        let (start, end, x) = (18.0 + infeed, 2.5 + infeed, 3.0 - depth);
+        // Writing into memory cannot fail.
+        let _ = write!(text, "G0 X{:.3} Z{start:.3}\nG0 X{:.3}\nG1 X{x:.3} F500\n", x + 5.0, x + 2.5);
+        let _ = write!(text, "G33 Z{end:.3} K1.27\nG33 X{:.3} Z{infeed:.3} K1.796\nG0 X8\n", x + 2.5);
+    }
+    text + "M2\n"
+}
+
+/// Seconds for what `retrace check` does: the check of every move, then the analysis.
+fn check_threads(text: &Text, machine: &MachineConfig) -> (f64, u64) {
+    let started = Instant::now();
+    let setup = Setup::rs274();
+    let prescan = std::sync::Arc::new(Prescan::scan("program", text.clone(), &setup));
+    let decoder = || Decoder(Program::prescanned(prescan.clone(), Setup::rs274()));
+    let (_, findings, checked) = check_program::<9>(machine, &mut decoder());
+    assert!(findings.is_empty(), "{findings:?}");
+    let analysed = analyse_program::<4>(machine, &mut decoder(), Some(checked.threads));
+    let (.., analysis) = analysed.expect("the limits are valid");
+    let took = started.elapsed().as_secs_f64();
+    assert_eq!(analysis.threads.iter().len(), PASSES as usize);
+    (took, analysis.motion_periods)
+}
+
+fn threads_row(rounds: usize) -> Row {
+    let machine = MachineConfig::parse("[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\n", "threads");
+    let machine = machine.expect("the built-in machine with an encoder is valid");
+    let text = Text::from(threading_program().as_str());
+    let runs: Vec<(f64, u64)> = (0..rounds).map(|_| check_threads(&text, &machine)).collect();
+    Row {
+        name: "S7",
+        what: format!("check of a thread of {PASSES} passes that leave the work in a blended corner"),
+        figure: 1000.0 * median(runs.iter().map(|run| run.0).collect()),
+        unit: "ms",
+        goal: Goal::AtMost(50.0),
+        note: format!("{:.1} s of motion; median of {rounds}", runs[0].1 as f64 * machine.period_s()),
+    }
+}
+
 /// Processor time equals wall time here: nothing waits.
 fn run(text: &Text, machine: &MachineConfig) -> (f64, u64, u64) {
     let setup = Setup::rs274();
@@ -140,4 +187,5 @@ fn main() {
         note: format!("{blocks} blocks, {records} records, without card; median of {rounds}"),
     };
     println!("{row}");
+    println!("{}", threads_row(2 * rounds + 1));
 }

@@ -131,5 +131,5 @@ pub use soft_limits::LimitFinding;
 pub use start_line::StartPoint;
 pub use tape::{ReceivedByte, TapeError, TapeReader};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
-pub use thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadStretch};
+pub use thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadPlanner, ThreadRuns, ThreadStretch};
 pub use tool_length::{EnteredLength, ToolLengthError};

@@ -15,7 +15,7 @@ use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use crate::soft_limits::{LimitFinding, extremes};
 use crate::tap_move::RigidTap;
-use crate::thread_plan::ThreadStretch;
+use crate::thread_plan::{ThreadCheck, ThreadRuns, ThreadStretch};
 
 /// Checks every move of a program.
 #[derive(Debug)]
@@ -39,6 +39,9 @@ pub struct LimitCheck<'m, const A: usize> {
     undeclared: BTreeMap<u8, u32>,
     /// Contours and materials, on a machine with a cutter.
     pub contours: ContourList<A>,
+    /// Run-in and run-out of the threads.
+    pub threads: ThreadRuns,
+    thread_check: ThreadCheck,
 }
 
 impl<'m, const A: usize> LimitCheck<'m, A> {
@@ -56,6 +59,8 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             on: BTreeMap::new(),
             undeclared: BTreeMap::new(),
             contours: ContourList::default(),
+            threads: ThreadRuns::default(),
+            thread_check: ThreadCheck::default(),
         }
     }
 
@@ -222,8 +227,9 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
 
     fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
         if !has_unknown(&self.at) && !stretch.rpm.is_nan() {
-            let planned = stretch.plan(self.machine, encoder, self.at);
-            planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
+            let planned = self.thread_check.run_mm(stretch, self.machine, encoder, self.at);
+            let run_mm = planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
+            self.threads.add(stretch.line(), run_mm);
         }
         stretch.pieces.iter().try_for_each(|piece| {
             let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
@@ -236,7 +242,10 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
         self.straight(tap.depth_mm, feed, PathMode::ExactStop, tap.line)?;
         self.straight(tap.from_mm, feed, PathMode::ExactStop, tap.line)?;
         if !has_unknown(&tap.from_mm) && !has_unknown(&tap.depth_mm) && !tap.rpm.is_nan() {
-            tap.plan(self.machine, encoder).map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
+            let planned = tap.run_in_mm(self.machine, encoder);
+            let run_in_mm = planned.map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
+            // What is behind the depth is for the reversal.
+            self.threads.add(tap.line, [run_in_mm, 0.0]);
         }
         Ok(())
     }

@@ -27,7 +27,7 @@ use crate::planned_path::{PathRecorder, PlannedPath};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
 use crate::tap_move::RigidTap;
-use crate::thread_plan::ThreadStretch;
+use crate::thread_plan::{ThreadCheck, ThreadRuns, ThreadStretch};
 
 /// Least and greatest of the observed values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,8 +96,10 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub feed_mm_per_min: Option<ValueRange>,
     /// Spindle speeds, rpm.
     pub speed_rpm: Option<ValueRange>,
-    /// Threads by the line in which they begin: the longest run-in and run-out at it, mm.
-    pub threads: BTreeMap<u32, [f64; 2]>,
+    /// Run-in and run-out of the threads.
+    pub threads: ThreadRuns,
+    /// Planner of the threads; `None` where they were planned before.
+    thread_check: Option<ThreadCheck>,
     /// Retrace barriers, by line, each once.
     pub barriers: BTreeSet<BarrierLine>,
     /// Lines with a program stop.
@@ -157,7 +159,8 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             tools: BTreeSet::new(),
             feed_mm_per_min: None,
             speed_rpm: None,
-            threads: BTreeMap::new(),
+            threads: ThreadRuns::default(),
+            thread_check: Some(ThreadCheck::default()),
             barriers: BTreeSet::new(),
             stops: BTreeSet::new(),
             cutting_mm: 0.0,
@@ -183,14 +186,23 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     }
 
     fn count(&mut self) {
+        let (mut periods, mut serial) = (0, 0);
         while let Some(mut record) = self.planner.next_record() {
-            self.motion_periods += 1;
-            self.abrasive.count_record(record.line);
-            record.line = self.line_of(record.line);
+            periods += 1;
+            serial = record.line;
+            self.abrasive.count_record(serial);
+            if self.path.is_some() {
+                record.line = self.line_of(serial);
+            }
             if let Some(path) = &mut self.path {
                 path.add(&record);
             }
-            *self.tool_periods.entry(self.tool).or_default() += 1;
+        }
+        if periods > 0 {
+            // Forgets the moves before the last record.
+            self.line_of(serial);
+            self.motion_periods += periods;
+            *self.tool_periods.entry(self.tool).or_default() += periods;
         }
     }
 
@@ -444,12 +456,14 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
 
     fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
         self.rest();
-        let from = self.planner.commanded_mm();
-        if !has_unknown(&from) && !stretch.rpm.is_nan() {
-            let planned = stretch.plan(self.scan.machine(), encoder, from);
-            let plan = planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
-            let longest = self.threads.entry(stretch.line()).or_default();
-            *longest = [0, 1].map(|end| longest[end].max(plan.run_mm[end]));
+        let from = *self.scan.position_mm();
+        if let Some(check) = &mut self.thread_check
+            && !has_unknown(&from)
+            && !stretch.rpm.is_nan()
+        {
+            let planned = check.run_mm(stretch, self.scan.machine(), encoder, from);
+            let run_mm = planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
+            self.threads.add(stretch.line(), run_mm);
         }
         for piece in &stretch.pieces {
             let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
@@ -462,12 +476,12 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
 
     fn tap(&mut self, tap: &RigidTap<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
         self.rest();
-        if !has_unknown(&tap.from_mm) && !has_unknown(&tap.depth_mm) && !tap.rpm.is_nan() {
-            let plan = tap.plan(self.scan.machine(), encoder);
-            let plan = plan.map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
+        let is_known = !has_unknown(&tap.from_mm) && !has_unknown(&tap.depth_mm) && !tap.rpm.is_nan();
+        if self.thread_check.is_some() && is_known {
+            let planned = tap.run_in_mm(self.scan.machine(), encoder);
+            let run_in_mm = planned.map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
             // What is behind the depth is for the reversal.
-            let longest = self.threads.entry(tap.line).or_default();
-            longest[0] = longest[0].max(plan.run_mm[0]);
+            self.threads.add(tap.line, [run_in_mm, 0.0]);
         }
         let feed = FeedRate::PerSecond(tap.pitch_mm * tap.rpm / 60.0);
         self.straight(tap.depth_mm, feed, PathMode::ExactStop, tap.line)?;
@@ -528,15 +542,21 @@ impl<const A: usize> ProgramAnalysis<'_, A> {
     }
 }
 
-/// Analyses a whole program. Returns the number of blocks, the findings, and the analysis.
+/// Analyses a whole program. Returns the number of blocks, the findings, and the analysis. `threads` are those of a
+/// check of the same program, which are not planned again then.
 ///
 /// # Errors
 /// Limits that the planner does not accept.
 pub fn analyse_program<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
+    threads: Option<ThreadRuns>,
 ) -> Result<Analysed<'m, A>, LimitError> {
-    analyse(machine, program, ProgramAnalysis::new(machine)?, &mut drop)
+    let mut analysis = ProgramAnalysis::new(machine)?;
+    if let Some(threads) = threads {
+        (analysis.threads, analysis.thread_check) = (threads, None);
+    }
+    analyse(machine, program, analysis, &mut drop)
 }
 
 /// Analyses a whole program and records its path. Returns the analysis and the path. `show_part` is given the path as

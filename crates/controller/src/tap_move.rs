@@ -9,7 +9,7 @@ use retrace_config::{EncoderConfig, MachineConfig};
 use retrace_link::GearStart;
 use retrace_motion::PathMode;
 
-use crate::thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadStretch};
+use crate::thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadPlanner, ThreadStretch};
 
 /// Turns behind the depth for which a tap has records: for what the spindle turns while it is reversed.
 const SPARE_TURNS: f64 = 10.0;
@@ -58,17 +58,22 @@ impl<const A: usize> RigidTap<A> {
         (to != from).then_some(TapMove { from, to, pitch_nm, speed })
     }
 
-    /// Plans it from where it begins.
+    /// Plans it from where it begins, as a run does, and returns its run-in, mm.
     ///
     /// # Errors
     /// The reason why the machine cannot tap there.
-    pub(crate) fn plan(&self, machine: &MachineConfig, encoder: &EncoderConfig) -> Result<ThreadPlan<A>, ThreadError> {
+    pub(crate) fn run_in_mm(&self, machine: &MachineConfig, encoder: &EncoderConfig) -> Result<f64, ThreadError> {
         let mut from = [0; 9];
         for (index, axis) in machine.axes.iter().enumerate().take(A) {
             from[index] = axis.pulses_of(self.from_mm[index]);
         }
         let tap = self.counted(machine, from).ok_or(ThreadError::TooShort { needs_mm: self.pitch_mm })?;
-        tap.plan(machine, encoder)
+        let [run_in, _] = if machine.axes.len() <= 4 {
+            tap.plan::<4>(machine, encoder)?.run_mm
+        } else {
+            tap.plan::<9>(machine, encoder)?.run_mm
+        };
+        Ok(run_in)
     }
 }
 
@@ -111,7 +116,8 @@ impl TapMove {
         let mut end_mm = to;
         end_mm.iter_mut().zip(&from).for_each(|(end, from)| *end += spare * (*end - from));
         let pieces = vec![ThreadPiece { end_mm, pitch_mm, mode: PathMode::ExactStop, line: 0 }];
-        let plan = ThreadStretch { pieces, rpm, start_degrees: 0.0 }.plan(machine, encoder, from)?;
+        let stretch = ThreadStretch { pieces, rpm, start_degrees: 0.0 };
+        let plan = ThreadPlanner::default().plan(&stretch, machine, encoder, from)?;
         if plan.gear.length > MAX_TAP_RECORDS {
             return Err(ThreadError::TooLong { turns: depth_mm / pitch_mm });
         }

@@ -6,6 +6,8 @@
 //!
 //! Invariant: the records depend on the stretch, the machine and the commanded speed alone.
 
+use std::collections::BTreeMap;
+
 use retrace_config::{EncoderConfig, MachineConfig};
 use retrace_core::gear::GearLimits;
 use retrace_core::{Distance, Flags, Rate, Record};
@@ -79,6 +81,25 @@ impl<const A: usize> ThreadPlan<A> {
     }
 }
 
+/// Distances in which the threads of a program are not at their full pitch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ThreadRuns {
+    by_line: BTreeMap<u32, [f64; 2]>,
+}
+
+impl ThreadRuns {
+    /// Adds the run-in and run-out of a thread that begins in this line, mm.
+    pub(crate) fn add(&mut self, line: u32, run_mm: [f64; 2]) {
+        let longest = self.by_line.entry(line).or_default();
+        *longest = [0, 1].map(|end| longest[end].max(run_mm[end]));
+    }
+
+    /// The lines in which threads begin, each with the longest run-in and run-out at it, mm.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, [f64; 2])> {
+        self.by_line.iter().map(|(&line, &run_mm)| (line, run_mm))
+    }
+}
+
 /// Reason why a stretch cannot be planned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ThreadError {
@@ -144,16 +165,81 @@ struct MainPiece<const A: usize> {
     total_mm: f64,
 }
 
-impl<const A: usize> ThreadStretch<A> {
-    /// Plans the stretch from a position at rest.
+/// Planner of the stretches of a program. The passes of a thread leave the work in the same corner, which it searches
+/// a glide for once.
+#[derive(Debug, Default)]
+pub struct ThreadPlanner<const A: usize> {
+    /// Planner of the last stretch, for its glides.
+    last: Option<Planner<A>>,
+}
+
+impl<const A: usize> ThreadPlanner<A> {
+    /// Plans a stretch from a position at rest. The plan does not depend on the stretches before it.
     ///
     /// # Errors
     /// The reason why the machine cannot follow a spindle there.
     pub fn plan(
+        &mut self,
+        stretch: &ThreadStretch<A>,
+        machine: &MachineConfig,
+        encoder: &EncoderConfig,
+        from_mm: [f64; A],
+    ) -> Result<ThreadPlan<A>, ThreadError> {
+        stretch.plan(machine, encoder, from_mm, &mut self.last)
+    }
+}
+
+/// Planner of the threads of a check. It plans them over as many axes as the run does: where these are fewer than the
+/// check has, the tolerance of a corner is larger.
+#[derive(Debug, Default)]
+pub(crate) struct ThreadCheck {
+    of_four: ThreadPlanner<4>,
+    of_nine: ThreadPlanner<9>,
+}
+
+impl ThreadCheck {
+    /// Run-in and run-out of a stretch from a position at rest, mm.
+    ///
+    /// # Errors
+    /// The reason why the machine cannot follow a spindle there.
+    pub(crate) fn run_mm<const A: usize>(
+        &mut self,
+        stretch: &ThreadStretch<A>,
+        machine: &MachineConfig,
+        encoder: &EncoderConfig,
+        from_mm: [f64; A],
+    ) -> Result<[f64; 2], ThreadError> {
+        Ok(if machine.axes.len() <= 4 {
+            self.of_four.plan(&stretch.resized(), machine, encoder, resized(&from_mm))?.run_mm
+        } else {
+            self.of_nine.plan(&stretch.resized(), machine, encoder, resized(&from_mm))?.run_mm
+        })
+    }
+}
+
+/// A position with another number of axes; those that are missing are at 0.
+fn resized<const A: usize, const B: usize>(position_mm: &[f64; A]) -> [f64; B] {
+    std::array::from_fn(|axis| position_mm.get(axis).copied().unwrap_or(0.0))
+}
+
+impl<const A: usize> ThreadStretch<A> {
+    fn resized<const B: usize>(&self) -> ThreadStretch<B> {
+        let piece = |piece: &ThreadPiece<A>| ThreadPiece {
+            end_mm: resized(&piece.end_mm),
+            pitch_mm: piece.pitch_mm,
+            mode: piece.mode,
+            line: piece.line,
+        };
+        let pieces = self.pieces.iter().map(piece).collect();
+        ThreadStretch { pieces, rpm: self.rpm, start_degrees: self.start_degrees }
+    }
+
+    fn plan(
         &self,
         machine: &MachineConfig,
         encoder: &EncoderConfig,
         from_mm: [f64; A],
+        last: &mut Option<Planner<A>>,
     ) -> Result<ThreadPlan<A>, ThreadError> {
         let share = ACCELERATION_SHARE * (1.0 - machine.reserve);
         let limits = MachineLimits { reserve: 1.0 - share, ..machine.limits::<A>() };
@@ -169,7 +255,7 @@ impl<const A: usize> ThreadStretch<A> {
             return Err(ThreadError::TooLong { turns });
         }
         // Distances along the main piece at each place: before the first record, and behind each.
-        let (records, along_mm) = self.planned(limits, per_s, &main, from_mm)?;
+        let (records, along_mm) = self.planned(limits, per_s, &main, from_mm, last)?;
         let pitch_mm = self.pieces[main.index].pitch_mm;
         let step_mm = pitch_mm / f64::from(records_per_turn);
         let Some([first, end]) = straight_part(&along_mm, step_mm, main.length_mm) else {
@@ -277,12 +363,16 @@ impl<const A: usize> ThreadStretch<A> {
         per_s: f64,
         main: &MainPiece<A>,
         from_mm: [f64; A],
+        last: &mut Option<Planner<A>>,
     ) -> Result<(Vec<Record<A>>, Vec<f64>), ThreadError> {
         let along = |at: &[f64; A]| -> f64 {
             at.iter().zip(&main.from_mm).zip(&main.direction).map(|((at, from), share)| (at - from) * share).sum()
         };
         // A machine that was checked has limits, and only its reserve differs.
         let mut planner = Planner::new(limits, from_mm).map_err(|_| ThreadError::NoSpeed)?.with_exact_feed();
+        if let Some(last) = last.take() {
+            planner = planner.with_glides_of(last);
+        }
         let (mut records, mut along_mm) = (Vec::new(), vec![along(&from_mm)]);
         let mut take = |planner: &mut Planner<A>| {
             while let Some(record) = planner.next_record() {
@@ -298,6 +388,7 @@ impl<const A: usize> ThreadStretch<A> {
         }
         planner.stop(Flags::NONE);
         take(&mut planner);
+        *last = Some(planner);
         let stops = records.iter().filter(|record| record.flags.contains(Flags::REST)).count();
         if stops > 1 { Err(ThreadError::StopsInside) } else { Ok((records, along_mm)) }
     }
@@ -362,7 +453,8 @@ mod tests {
     fn planned(pieces: &[ThreadPiece<2>], rpm: f64) -> Result<ThreadPlan<2>, ThreadError> {
         let machine = lathe();
         let encoder = machine.encoder.expect("an encoder");
-        ThreadStretch { pieces: pieces.to_vec(), rpm, start_degrees: 0.0 }.plan(&machine, &encoder, [0.0; 2])
+        let stretch = ThreadStretch { pieces: pieces.to_vec(), rpm, start_degrees: 0.0 };
+        ThreadPlanner::default().plan(&stretch, &machine, &encoder, [0.0; 2])
     }
 
     fn along_z(end: f64, pitch_mm: f64) -> ThreadPiece<2> {
@@ -417,7 +509,42 @@ mod tests {
         assert_eq!(planned(&[blended, corner(blended.mode)], 300.0).map(|_| ()), Ok(()));
     }
 
+    /// A run of up to four axes plans for four, and a check for nine.
+    #[test]
+    fn a_check_plans_the_threads_as_a_run_does() {
+        let machine = lathe();
+        let encoder = machine.encoder.expect("an encoder");
+        let pieces = vec![
+            ThreadPiece { mode: PathMode::blend(0.002), ..along_z(-20.0, 1.5) },
+            ThreadPiece { end_mm: [5.0, -25.0], mode: PathMode::blend(0.002), ..along_z(0.0, 1.5) },
+        ];
+        let stretch = ThreadStretch { pieces, rpm: 300.0, start_degrees: 0.0 };
+        let mut planner = ThreadPlanner::<4>::default();
+        let run = planner.plan(&stretch.resized(), &machine, &encoder, [0.0; 4]).expect("it fits").run_mm;
+        let check = |of: &mut ThreadCheck| of.run_mm(&stretch.resized::<9>(), &machine, &encoder, [0.0; 9]);
+        assert_eq!(check(&mut ThreadCheck::default()), Ok(run));
+    }
+
     proptest! {
+        /// A plan with a glide that an earlier one has found is the plan without it.
+        #[test]
+        fn a_plan_does_not_depend_on_the_stretches_before_it(
+            passes in prop::collection::vec((10.0f64..12.0, 1.0f64..1.2, 4.0f64..6.0), 1..4), rpm in 200.0f64..300.0,
+        ) {
+            let machine = lathe();
+            let encoder = machine.encoder.expect("an encoder");
+            let mut planner = ThreadPlanner::default();
+            for (length, pitch, leave) in passes {
+                let mode = PathMode::blend(0.02);
+                let pieces = vec![
+                    ThreadPiece { mode, ..along_z(-length, pitch) },
+                    ThreadPiece { end_mm: [leave, -length - leave], mode, ..along_z(0.0, pitch) },
+                ];
+                let stretch = ThreadStretch { pieces: pieces.clone(), rpm, start_degrees: 0.0 };
+                prop_assert_eq!(planner.plan(&stretch, &machine, &encoder, [0.0; 2]), planned(&pieces, rpm));
+            }
+        }
+
         /// The helix does not depend on the ramp: any pitch, speed and direction that fit begin at the same angle of
         /// the straight part.
         #[test]

@@ -110,7 +110,7 @@ impl<const A: usize> MachineLimits<A> {
 }
 
 /// Limits that the plan may use: mm/s, mm/s² and mm/s³ for each axis, mm/s along the path.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AxisLimits<const A: usize> {
     pub(crate) v: [f64; A],
     pub(crate) a: [f64; A],

@@ -102,6 +102,13 @@ impl<const A: usize> PathPlanner<A> {
         self.run.set_feed_factor(factor, &mut self.emitter);
     }
 
+    /// See [`crate::Planner::with_glides_of`].
+    pub(crate) fn take_glides_of(&mut self, earlier: Self) {
+        if earlier.axes == self.axes {
+            self.glide_cache = earlier.glide_cache;
+        }
+    }
+
     /// Sets the method by which the corners that follow are blended.
     pub(crate) fn set_blending(&mut self, blending: Blending) {
         self.blending = blending;

@@ -161,6 +161,14 @@ impl<const A: usize> Planner<A> {
         self
     }
 
+    /// Takes over the glides that `earlier` found, if it has the same limits: a corner like one of its is not searched
+    /// again. The path does not depend on it.
+    #[must_use]
+    pub fn with_glides_of(mut self, earlier: Self) -> Self {
+        self.path.take_glides_of(earlier.path);
+        self
+    }
+
     /// End of the last move, mm or degrees.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {

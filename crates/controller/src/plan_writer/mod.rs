@@ -30,6 +30,7 @@ use crate::overrides::OverrideApplier;
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::question::Question;
 use crate::soft_limits::{LimitFinding, extremes};
+use crate::thread_plan::ThreadPlanner;
 use crate::tool_length::LengthOffers;
 use probing::Answers;
 use tool_lengths::{Lengths, Planned};
@@ -106,6 +107,7 @@ struct SerialOrigin {
 /// Plans a program into a ring.
 pub struct PlanWriter<'r, const A: usize> {
     planner: Planner<A>,
+    thread_planner: ThreadPlanner<A>,
     ring: Producer<'r, Record<A>>,
     items: SyncSender<PathItem>,
     cancel: &'r AtomicBool,
@@ -161,6 +163,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let marked_until = ring.write();
         Self {
             planner,
+            thread_planner: ThreadPlanner::default(),
             ring,
             items,
             cancel,

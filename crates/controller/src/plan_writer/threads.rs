@@ -32,7 +32,7 @@ impl<const A: usize> PlanWriter<'_, A> {
             self.check_limits(&[piece.end_mm], piece.line)?;
         }
         self.rest()?;
-        let plan = stretch.plan(machine, encoder, self.planner.commanded_mm());
+        let plan = self.thread_planner.plan(stretch, machine, encoder, self.planner.commanded_mm());
         let plan = plan.map_err(|error| PlanWriteError::of_thread(error, line))?;
         let spindle = Some(SpindleTask::Gear(plan.gear));
         self.exclusive(SwitchInstruction { line, code: CODE, spindle, ..SwitchInstruction::default() })?;

@@ -10,7 +10,9 @@
 #[derive(Debug, Default)]
 pub(crate) struct LinearProgram {
     columns: usize,
-    /// Rows of `columns` coefficients and the right side.
+    /// Length of a row in the table.
+    width: usize,
+    /// Rows of `columns` coefficients and the right side, with zeros up to whole lanes.
     table: Vec<f64>,
     /// Variable of each row: free variables 0 … columns − 1, then the slacks.
     basic: Vec<usize>,
@@ -21,6 +23,8 @@ pub(crate) struct LinearProgram {
     pivot: Vec<f64>,
 }
 
+/// Rows are padded to a multiple of so many numbers, which are calculated together.
+const LANES: usize = 4;
 /// Steps after which a program stops: at an allowed point, though maybe not the best.
 const MAX_STEPS: usize = 400;
 
@@ -28,18 +32,20 @@ impl LinearProgram {
     /// Resets to an empty program with `columns` variables.
     pub(crate) fn clear(&mut self, columns: usize) {
         self.columns = columns;
+        self.width = (columns + 1).next_multiple_of(LANES);
         self.table.clear();
         self.basic.clear();
         self.nonbasic.clear();
         self.nonbasic.extend(0..columns);
         self.cost.clear();
-        self.cost.resize(columns + 1, 0.0);
+        self.cost.resize(self.width, 0.0);
     }
 
     /// Adds the row `coefficients · z ≤ most`; a negative `most` counts as 0.
     pub(crate) fn row(&mut self, coefficients: &[f64], most: f64) {
         self.table.extend_from_slice(coefficients);
         self.table.push(most.max(0.0));
+        self.table.resize(self.table.len().next_multiple_of(LANES), 0.0);
         self.basic.push(self.columns + self.basic.len());
     }
 
@@ -55,7 +61,7 @@ impl LinearProgram {
             self.exchange(row, column);
         }
         z.fill(0.0);
-        let width = self.columns + 1;
+        let width = self.width;
         for (row, variable) in self.basic.iter().enumerate() {
             let (variable, sign) = (variable & !FLIPPED, if variable & FLIPPED != 0 { -1.0 } else { 1.0 });
             if variable < self.columns {
@@ -82,17 +88,15 @@ impl LinearProgram {
     fn flip(&mut self, column: usize) {
         self.nonbasic[column] ^= FLIPPED;
         self.cost[column] = -self.cost[column];
-        let width = self.columns + 1;
-        for row in self.table.chunks_exact_mut(width) {
+        for row in self.table.chunks_exact_mut(self.width) {
             row[column] = -row[column];
         }
     }
 
     /// The row that is the first to become tight; rows of free variables never do.
     fn leaving(&self, column: usize) -> Option<usize> {
-        let width = self.columns + 1;
         let mut best: (f64, f64, Option<usize>) = (f64::MAX, 0.0, None);
-        for (row, numbers) in self.table.chunks_exact(width).enumerate() {
+        for (row, numbers) in self.table.chunks_exact(self.width).enumerate() {
             let rate = numbers[column];
             if rate > 1e-11 && self.basic[row] & !FLIPPED >= self.columns {
                 let ratio = numbers[self.columns] / rate;
@@ -106,7 +110,7 @@ impl LinearProgram {
 
     /// Exchanges the entering variable of `column` and the leaving one of `row`.
     fn exchange(&mut self, row: usize, column: usize) {
-        let width = self.columns + 1;
+        let width = self.width;
         let inverse = 1.0 / self.table[row * width + column];
         let own = &mut self.table[row * width..(row + 1) * width];
         own[column] = 1.0;
