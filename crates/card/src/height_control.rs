@@ -282,7 +282,6 @@ impl HeightControl {
                 let is_steady = now.feed_share >= u32::from(RESUME_SHARE.units()) && now.is_free && !self.is_held(now);
                 match self.filtered {
                     _ if !is_steady => HeightPart::Steady(0),
-                    None if matches!(self.settings.source, HeightSource::Volts { .. }) => HeightPart::Steady(0),
                     reading => {
                         self.sum = if count == 0 { 0 } else { self.sum } + reading.unwrap_or(0);
                         if count + 1 < samples {
@@ -307,7 +306,8 @@ impl HeightControl {
 
     /// Whether the height is to stay in this period.
     const fn is_held(&self, now: &HeightConditions) -> bool {
-        now.is_held || now.is_slow_ahead || self.is_slow || self.void.jump.is_some()
+        let knows_height = self.filtered.is_some() || !matches!(self.settings.source, HeightSource::Volts { .. });
+        now.is_held || now.is_slow_ahead || self.is_slow || self.void.jump.is_some() || !knows_height
     }
 
     /// Controls the height within a range.

@@ -67,7 +67,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let value = |channel: u8| outputs.get(usize::from(channel)).copied().unwrap_or(0);
         let offset = value(channel::HEIGHT_OFFSET);
         let is_busy = self.switching.is_busy();
-        let (is_proven, is_steady) = self.permit.proven(outputs).unwrap_or((false, false));
+        let proven = self.permit.proven(outputs);
+        let (is_proven, is_steady) = proven.unwrap_or((false, false));
         let path_moves = self.path_moves_layer_axis();
         let axis = self.layer.axis().map_or(0, usize::from);
         let moved = self.status.increments.get(axis).copied().unwrap_or_default();
@@ -86,6 +87,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         };
         let (here, window) = (self.status.place.record, &self.window);
         let Some(control) = self.height.first_mut() else { return };
+        if proven.is_none() && !is_busy {
+            // The cut is over: what is lit next may be another cutter.
+            control.configure(&HeightControlSettings::default());
+        }
         if let HeightSource::Volts { input } = control.settings().source {
             now.reading = analog.get(usize::from(input)).copied().flatten();
         }

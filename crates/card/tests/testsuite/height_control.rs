@@ -6,8 +6,9 @@ use proptest::prelude::*;
 use retrace_card::InputLevels;
 use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
-    CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HeightControlSettings, HeightSource,
-    HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputAction, OutputChange, ProofInput, channel,
+    CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, HeightControlSettings,
+    HeightSource, HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputAction, OutputChange,
+    ProofInput, channel,
 };
 
 use crate::common::STOP;
@@ -480,6 +481,40 @@ fn the_sheet_is_where_the_torch_has_followed_it() {
     cut.table.send(HostCommand::Instruction(lift));
     cut.table.until_executed(2);
     assert_eq!(cut.table.position, SHEET + 1 + 500 - lower);
+}
+
+/// Behind a cut another cutter is lit: its height is not controlled.
+#[test]
+fn another_cutter_is_not_controlled() {
+    let mut settings = layer_settings(1);
+    settings.cutting.channels[1] = CuttingChannel { channel: 5, ..settings.cutting.channels[0] };
+    settings.cutting.count = 2;
+    let mut cut = Cut::with(HeightControlSettings { slope: 0, ..VOLTS }, 2000, settings);
+    cut.periods(200);
+    let change = |channel, value| HostCommand::ManualOutput(OutputChange { channel, value });
+    cut.table.send(change(TORCH, 0));
+    cut.periods(30);
+    let layer = cut.table.status().layer;
+    cut.table.send(change(5, 1));
+    cut.noise = |_| 3_000;
+    let status = cut.periods(400);
+    assert_eq!((status.layer, status.height_state(), status.outputs[5]), (layer, HeightState::Off, 1));
+}
+
+/// A voltage that is not read any more: the height stays.
+#[test]
+fn the_height_stays_where_no_voltage_is_read() {
+    let mut cut = Cut::new(HeightControlSettings { slope: 0, ..VOLTS }, 2000);
+    cut.periods(200);
+    cut.noise = |_| 3_000;
+    cut.periods(10);
+    for period in 0..230 {
+        cut.fill();
+        cut.table.reading = None;
+        let before = cut.table.status().layer;
+        let status = cut.table.period();
+        assert!(period < 30 || (status.layer, status.height_state()) == (before, HeightState::Held), "{status:?}");
+    }
 }
 
 /// Settings that the card cannot do are refused with the instruction.
