@@ -101,6 +101,11 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
             count => format!("{name} is analog input {number}; the card has {count} of them"),
         });
     }
+    // The cards with analog channels are those that control a height.
+    let has_height_control = identity.analog.inputs() > 0;
+    if machine.height_control().is_some_and(|of| of.volts_input().is_none()) && !has_height_control {
+        misfits.push("a `[[cutter]]` has `height`; the card has no height control".into());
+    }
     if let Some(beam) = machine.powered_beam().filter(|_| !identity.has_spindle_pwm) {
         misfits.push(format!("{} has `power`; the card has no output for the power of a beam", beam.name));
     } else if machine.spindle_pwm().is_some() && !identity.has_spindle_pwm {

@@ -5,7 +5,7 @@
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, root};
+use retrace_tests::command::{Bench, assert_contains, root};
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
@@ -212,6 +212,18 @@ fn the_operator_sets_the_height() {
     }
     let off: Vec<i64> = trace.iter().filter(|of| (10.1..11.9).contains(&time_s(of))).map(|of| of.layer).collect();
     assert!(off.iter().all(|&layer| layer == off[0]), "the height stays");
+}
+
+/// A board without analog channels: the machine file is refused before anything moves, by either source.
+#[test]
+fn a_board_without_height_control_refuses_the_machine() {
+    for (height, wanted) in [("volts = 1", "no analog inputs"), ("up = 3, down = 4", "no height control")] {
+        let bench = Bench::new();
+        bench.file("m.toml", machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ANALOG);
+        bench.file("materials.toml", MATERIALS);
+        let result = bench.retrace(["machine", "check", "m.toml", "--card", "pico"]);
+        assert_contains(&result.err, &["E3008", wanted]);
+    }
 }
 
 /// Without height control, and where two inputs control it, there is no voltage to change.
