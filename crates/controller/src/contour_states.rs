@@ -230,6 +230,7 @@ mod tests {
             hold_reason: HoldReason::None,
             override_rate: retrace_core::Rate::ONE,
             rapid_override: retrace_core::Rate::ONE,
+            override_is_off: false,
             off_path: false,
             contour,
             cut_um,

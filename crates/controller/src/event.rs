@@ -8,10 +8,11 @@ use retrace_config::ChannelNames;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::Timestamp;
-use retrace_link::{Alarm, CardFailure, CutterOffCause, channel};
+use retrace_link::{Alarm, CardFailure, channel};
 use serde_json::{Value, json};
 
 use crate::contour_list::RestoredContour;
+use crate::cutter_off_reason::CutterOffReason;
 use crate::cutter_state::CutterState;
 use crate::differing_outputs::DifferingOutputs;
 use crate::dnc_events::{AxisCounts, DncEvent};
@@ -59,87 +60,6 @@ impl<F: CardFailure> From<F> for CardError {
     }
 }
 
-/// Reason why a cutting output, or the spindle at the end of a job, was switched off.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CutterOffReason {
-    /// The card switched it off.
-    Card(CutterOffCause),
-    /// The operator switched it off.
-    Operator,
-    /// The path is about to be retraced.
-    Retrace,
-    /// The program has ended.
-    ProgramEnd,
-    /// The job has ended before its program.
-    JobStopped,
-    /// It was started in motion, and was not proven where the cut had ended.
-    NotLatched,
-    /// The cut has come to a part of the contour that is cut already.
-    Kerf,
-}
-
-impl CutterOffReason {
-    /// Identifier for JSON.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Card(CutterOffCause::Standing) => "at_rest",
-            Self::Card(CutterOffCause::Reverse) | Self::Retrace => "reverse",
-            Self::Card(CutterOffCause::Inhibited) => "dry_run",
-            Self::Card(CutterOffCause::Alarm) => "alarm",
-            Self::Card(CutterOffCause::HostSilent) => "host_silent",
-            Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "epoch",
-            Self::Card(CutterOffCause::Lost) | Self::NotLatched => "lost",
-            Self::Card(CutterOffCause::NotStarted) => "not_started",
-            Self::Card(CutterOffCause::Collision) => "collision",
-            Self::Card(CutterOffCause::NoSheet) => "no_sheet",
-            Self::Card(CutterOffCause::SheetContact) => "sheet_contact",
-            Self::Card(CutterOffCause::HeightLimit) => "height_limit",
-            Self::Operator => "operator",
-            Self::ProgramEnd => "program_end",
-            Self::JobStopped => "job_stopped",
-            Self::Kerf => "kerf",
-        }
-    }
-
-    /// Text behind "off: ".
-    const fn text(self) -> &'static str {
-        match self {
-            Self::Card(CutterOffCause::Standing) => "the machine is at rest; `recover` starts it again and resumes",
-            Self::Card(CutterOffCause::Reverse) | Self::Retrace => "the path is retraced",
-            Self::Card(CutterOffCause::Inhibited) => "dry run",
-            Self::Card(CutterOffCause::Alarm) => "alarm",
-            Self::Card(CutterOffCause::HostSilent) => "no message from the computer",
-            Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "the path was left",
-            Self::Card(CutterOffCause::Lost) => {
-                "E3024: it was lost in the cut; `recover` goes back to the end of the cut and cuts on, `back to cut \
-                 end` only goes there"
-            }
-            Self::Card(CutterOffCause::NotStarted) => {
-                "E3025: it did not start in any attempt; check the consumables and the earth clamp, `recover` tries \
-                 again"
-            }
-            Self::Card(CutterOffCause::Collision) => "a collision input is active",
-            Self::Card(CutterOffCause::NoSheet) => "no sheet was found; `recover` tries again, `skip contour` goes on",
-            Self::Card(CutterOffCause::SheetContact) => {
-                "the contact for sensing is closed over the sheet, or stays closed; check it, then `recover`"
-            }
-            Self::Card(CutterOffCause::HeightLimit) => {
-                "E3036: height control stood at the end of its range; check the sheet, the voltage of the material and \
-                 the consumables, then `recover`"
-            }
-            Self::NotLatched => {
-                "E3024: it did not take hold where the cut ended; `recover` tries again, `back to pierce` and `cut` \
-                 pierce anew"
-            }
-            Self::Operator => "by the operator",
-            Self::ProgramEnd => "the program has ended",
-            Self::JobStopped => "the job has ended",
-            Self::Kerf => "the contour is cut already from here on",
-        }
-    }
-}
-
 /// Kind of an event, with its data.
 #[derive(Clone, Debug, PartialEq)]
 pub enum EventKind {
@@ -151,6 +71,8 @@ pub enum EventKind {
     Operator(OperatorCommand),
     /// Another feed override is planned from here on: 100 % or more.
     OverridePlanned(f64),
+    /// From here on the operator's overrides apply, or the program has switched them off.
+    FeedOverrideSwitched(bool),
     /// A command was rejected; with the reason.
     CommandRejected(CommandError),
     /// Reverse run rests at the history start (REV-8).
@@ -330,6 +252,7 @@ impl Event {
             EventKind::Mode(mode) => json!({"event": "mode", "mode": mode.name()}),
             EventKind::Operator(command) => json!({"event": "operator", "command": command.to_string()}),
             EventKind::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
+            EventKind::FeedOverrideSwitched(on) => json!({"event": "feed_override_switched", "on": on}),
             EventKind::CommandRejected(reason) => json!({"event": "command_rejected", "reason": reason.to_string()}),
             EventKind::HistoryStartReached => json!({"event": "history_start_reached"}),
             EventKind::RetraceBarrier(code) => json!({"event": "retrace_barrier", "code": code}),
@@ -477,6 +400,8 @@ impl Event {
             }
             EventKind::TapNotBegun => "the tap was not begun".into(),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
+            EventKind::FeedOverrideSwitched(true) => "overrides switched on again by the program".into(),
+            EventKind::FeedOverrideSwitched(false) => "overrides switched off by the program: 100 %".into(),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
             EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),
             EventKind::RetraceBarrier(code) => format!("at rest behind {code}, which cannot be passed backward"),

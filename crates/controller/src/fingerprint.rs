@@ -26,7 +26,7 @@ const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X1
     X25.1 Y-2.2\nX17.3\n\
     #1 = 0\nO100 while [#1 LT 12]\nG1 X[17.3 + 2.9 * COS[#1 * 27.7]] Y[2.9 * SIN[#1 * 27.7]] Z[#1 / 7]\n#1 = [#1 + \
     1]\nO100 endwhile\n\
-    G61.1\nX1 Y1\nG61\nX2.2 Y3.3 F900\nG93 X9 Y9 F20\nG94 G64 P0.02 F6000\nG0 X0 Y0 Z0\nM2\n";
+    G61.1\nX1 Y1\nG61\nX2.2 Y3.3 F900\nG93 X9 Y9 F20\nM49\nG94 G64 P0.02 F6000\nG0 X0 Y0 Z0\nM2\n";
 
 /// Fingerprint of this version, of plans in this mode.
 ///

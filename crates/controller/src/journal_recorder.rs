@@ -254,6 +254,7 @@ mod tests {
             hold_reason: HoldReason::None,
             override_rate: Rate::ONE,
             rapid_override: Rate::ONE,
+            override_is_off: false,
             off_path: false,
             contour: 0,
             cut_um: 0,

@@ -27,6 +27,11 @@ pub enum ExclusiveKind {
     OffPath,
     /// A wait for an input (M66) that is not answered yet.
     Input,
+    /// From here on the operator's overrides apply, or do not (M48 … M50). It switches no output.
+    FeedOverride {
+        /// Whether they apply.
+        applies: bool,
+    },
 }
 
 /// An exclusive instruction without a number.

@@ -417,6 +417,8 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             ExclusiveKind::Dwell => self.dwell_periods += periods,
             ExclusiveKind::Switch => self.switch_periods += periods,
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
+            // The rate changes in a control period at rest.
+            ExclusiveKind::FeedOverride { .. } => self.switch_periods += 1,
             ExclusiveKind::OptionalStop | ExclusiveKind::OffPath | ExclusiveKind::Input => {}
         }
         let lights = switch.changes.iter().any(|change| self.scan.contours.is_open(change.channel));

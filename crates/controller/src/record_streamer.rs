@@ -10,6 +10,8 @@ mod action_room;
 mod block_window;
 mod dark_changes;
 mod lead_in;
+mod override_switches;
+mod replay;
 mod returning;
 mod setup;
 
@@ -27,6 +29,7 @@ use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummar
 use crate::restart::{OutputOrigins, RestartStep};
 use block_window::BlockWindow;
 pub(crate) use lead_in::{LeadIn, LeadInEnd, LeadInMove};
+use override_switches::OverrideSwitches;
 
 /// How far ahead records may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +86,7 @@ pub struct RecordStreamer<'r, const A: usize> {
     cut_changes: VecDeque<RecordIndex>,
     /// Places where an instruction of a cutter was executed with the cutter off.
     dark_changes: Vec<RecordIndex>,
+    override_switches: OverrideSwitches,
     fire_channels: Vec<u8>,
     /// With the abrasives that are switched with a jet.
     cutter_channels: Vec<u8>,
@@ -140,6 +144,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             pierces: VecDeque::with_capacity(MAX_PIERCES),
             cut_changes: VecDeque::with_capacity(MAX_PIERCES),
             dark_changes: Vec::new(),
+            override_switches: OverrideSwitches::new(),
             fire_channels: Vec::new(),
             cutter_channels: Vec::new(),
             contour_channels: Vec::new(),
@@ -446,7 +451,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         for change in changes {
             self.expect(done.place, change.channel, change.value);
         }
-        if done.kind == ExclusiveKind::Dwell {
+        if let ExclusiveKind::FeedOverride { applies } = done.kind {
+            self.override_switches.push(done.place, applies);
+        } else if done.kind == ExclusiveKind::Dwell {
             self.origins.record_dwell(done.place, done.periods, &self.expected, &self.cutter_channels);
         } else if !changes.is_empty() {
             let takes = (done.periods, done.until, done.restart_layer.or(done.layer));
@@ -474,13 +481,6 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn program_end(&mut self) -> Option<RecordIndex> {
         (self.summary.is_some() && self.items_known_until == self.ring.write()).then_some(self.items_known_until)
-    }
-
-    /// Moves the cursor to a place, without the card.
-    pub fn seek_place(&mut self, place: RecordIndex) {
-        self.ring.seek(place);
-        self.reached = self.ring.reached();
-        self.discard_old_actions();
     }
 
     /// Follows the card's cursor and updates history and outputs. [`RecordStreamer::next_passed_item`] returns what the
@@ -526,13 +526,6 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Queues a modal state that is in force at the cursor, to be returned as a passed item.
     pub fn requeue_active_codes(&mut self, active: Box<ActiveCodes>) {
         self.modes.push_front((self.ring.reached(), active));
-    }
-
-    /// Marks the pending instruction as executed: the card had executed instruction `number` when it was left.
-    /// Returns it.
-    pub fn mark_executed(&mut self, number: u32) -> Option<ExclusiveInstruction> {
-        self.gates.mark_sent();
-        self.acknowledge(number)
     }
 
     /// Sends records ahead until the card is full or the horizon is reached.

@@ -41,6 +41,8 @@ pub(crate) struct SkippedBlocks {
     moves: u32,
     /// Number of contours that have begun.
     contours: u32,
+    /// Whether the operator's overrides apply behind what was skipped.
+    override_applies: bool,
     /// Where the number of contours that are skipped completely is stored for the motion path.
     skipped_contours: Arc<AtomicU32>,
 }
@@ -51,7 +53,7 @@ impl SkippedBlocks {
     pub(crate) fn new(outputs: Outputs, machine: &MachineConfig, skipped_contours: Arc<AtomicU32>) -> Self {
         let (cutting, firing) = (machine.cutter_channels(), machine.cutting_outputs.len());
         let origins = OutputOrigins::default();
-        Self { outputs, origins, cutting, firing, moves: 0, contours: 0, skipped_contours }
+        Self { outputs, origins, cutting, firing, moves: 0, contours: 0, override_applies: true, skipped_contours }
     }
 
     /// Whether the job begins with a step of this line.
@@ -97,6 +99,9 @@ impl SkippedBlocks {
             plan_writer.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
         }
         plan_writer.rest()?;
+        if !self.override_applies {
+            plan_writer.exclusive(SwitchInstruction::of_feed_override(false, line))?;
+        }
         self.switch(plan_writer, line, |channel| self.cutting.contains(&channel))?;
         Ok(lift.is_some())
     }
@@ -162,7 +167,9 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.count_contour(change);
             self.outputs[usize::from(change.channel)] = change.value;
         }
-        if switch.kind == ExclusiveKind::Dwell {
+        if let ExclusiveKind::FeedOverride { applies } = switch.kind {
+            self.override_applies = applies;
+        } else if switch.kind == ExclusiveKind::Dwell {
             self.origins.record_dwell(RecordIndex::new(self.moves), switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
             let of = (switch.code, switch.line, RecordIndex::new(self.moves));

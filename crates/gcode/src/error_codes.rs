@@ -505,11 +505,10 @@ retrace_cycles::error_codes! {
         does not follow a GOTO to an unknown line."
         "Nothing; what follows is checked when it is planned. To have it checked before, write IF blocks with constant \
         numbers.";
-    OverrideStays "W1012" "an override stays enabled"
-        "M49, M50 P0, M51 P0 or M53 P0: the operator's overrides and the feed hold keep acting, whatever the program \
-        says, also in the tapping cycles G74 and G84 with a floating holder. In threads and rigid taps the feed \
-        override does not act."
-        "Leave the overrides at 100 % where the program needs it.";
+    FeedHoldStays "W1012" "the feed hold stays enabled"
+        "M53 P0: the operator's feed hold keeps acting, whatever the program says. A machine whose operator presses \
+        hold comes to rest."
+        "Remove M53 P0, and hold the machine only where the work allows it.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed"
         "M3 or M4 is executed while the spindle speed is zero."
         "Give an S word first.";

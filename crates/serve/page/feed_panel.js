@@ -142,7 +142,7 @@ export class FeedPanel {
       whole,
       more,
     );
-    return { node, value, buttons: [less, whole, more], id };
+    return { node, value, whole, buttons: [less, whole, more], id };
   }
 
   build(hello) {
@@ -226,9 +226,13 @@ export class FeedPanel {
     const { store } = this,
       { state } = store;
     if (!state) return;
-    setText(this.feedOverride.value, formatPercent(state.override));
-    setText(this.rapidOverride.value, formatPercent(state.rapid_override));
-    for (const keys of [this.feedOverride, this.rapidOverride]) {
+    const isOff = state.override_is_off;
+    for (const [keys, share] of [
+      [this.feedOverride, state.override],
+      [this.rapidOverride, state.rapid_override],
+    ]) {
+      setText(keys.value, formatPercent(share) + (isOff ? ' · off' : ''));
+      keys.whole.title = isOff ? 'Switched off by the program: it runs at 100 %' : 'Set to 100 %';
       for (const node of keys.buttons) setOff(node, !store.allows(keys.id));
     }
     this.showOutputs();

@@ -362,6 +362,7 @@ impl FakeMachine {
             hold_reason: standing,
             override_rate: self.operation.override_rate(),
             rapid_override: self.operation.rapid_override(),
+            override_is_off: false,
             off_path: lock_model(&self.model).stage == ScreenStage::Setup,
             contour: 0,
             cut_um: 0,

@@ -427,6 +427,24 @@ fn no_key_is_offered_in_a_thread_that_is_refused_there() {
     }
 }
 
+/// What the operator asks for is shown also where the program has switched it off.
+#[test]
+fn an_override_that_the_program_has_switched_off_is_shown_with_that() {
+    let bench = ScreenFixture::new();
+    let mut model = bench.picture();
+    (model.stage, model.override_rate) = (ScreenStage::Job, 0.6);
+    for rapid_override in [1.0, 0.25] {
+        for is_off in [false, true] {
+            (model.rapid_override, model.override_is_off) = (rapid_override, is_off);
+            for (width, height) in [(80, 24), (100, 30), (160, 50)] {
+                let screen = text(&drawn(&model, &bench.key_state, width, height, 0));
+                assert!(screen.contains("override 60 %"), "{screen}");
+                assert_eq!(screen.contains("off by program"), is_off, "{screen}");
+            }
+        }
+    }
+}
+
 /// Where the machine holds in the thread, the screen says so, and offers to reverse it and to turn the spindle by hand.
 #[test]
 fn a_thread_that_can_be_held_offers_reverse_and_the_spindle_by_hand() {

@@ -39,6 +39,7 @@ mod page_tables;
 mod page_tls;
 mod probing;
 mod probing_cycles;
+mod program_override;
 #[cfg(target_os = "linux")]
 mod ramp_pierce;
 mod real_time;

@@ -8,6 +8,7 @@ mod analog;
 mod cut_areas;
 mod entered_length;
 mod feed;
+mod feed_override;
 mod jet;
 mod kerf_map;
 mod orient;
@@ -32,6 +33,7 @@ use crate::spline::chords;
 
 use cut_areas::CutAreas;
 use entered_length::LengthCorrection;
+use feed_override::FeedOverrideSwitch;
 use kerf_map::KerfMap;
 use surface_speed::SurfaceSpeed;
 pub(crate) use tool_height::HEIGHT;
@@ -137,6 +139,8 @@ pub(crate) struct CanonExecutor<'m> {
     rpm_reached: f64,
     /// What the contours have enclosed, where the height behind them depends on it.
     cut_areas: Option<CutAreas>,
+    /// Whether the operator's overrides apply.
+    feed_override: FeedOverrideSwitch,
 }
 
 impl<'m> CanonExecutor<'m> {
@@ -181,6 +185,7 @@ impl<'m> CanonExecutor<'m> {
             awaits_speed: true,
             rpm_reached: 0.0,
             cut_areas: machine.tool_layer().filter(|layer| layer.retracts()).map(|_| CutAreas::default()),
+            feed_override: FeedOverrideSwitch::default(),
         }
     }
 
@@ -351,6 +356,7 @@ impl<'m> CanonExecutor<'m> {
         let really =
             self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, is_machine));
         let own = self.machine_coordinates(&really)?;
+        self.switch_feed_override(line, sink)?;
         let is_rapid = matches!(feed, FeedRate::Rapid);
         if is_rapid {
             self.cutters.before_rapid(self.machine, line, sink)?;
@@ -408,6 +414,7 @@ impl<'m> CanonExecutor<'m> {
             rotation: arc.turns,
             end_mm: self.machine_coordinates(&really)?,
         };
+        self.switch_feed_override(line, sink)?;
         self.before_feed(line, sink)?;
         self.layer_before_move(&own.end_mm, false, line, sink)?;
         self.hold_over_kerfs(&really, Self::flat_arc(arc, &centre), line, sink);
@@ -430,6 +437,7 @@ impl<'m> CanonExecutor<'m> {
             PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(MIN_DEVIATION_MM), self.path),
             _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),
         };
+        self.switch_feed_override(line, sink)?;
         self.before_feed(line, sink)?;
         // The mode in force is that of the spline's end; inside, a chord is not a separate block.
         let mut held = None;

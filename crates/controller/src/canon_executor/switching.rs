@@ -115,6 +115,10 @@ impl<'m> CanonExecutor<'m> {
             Canon::Wait(wait) => self.read_input(wait, line, sink),
             Canon::SetMotionOutputValue { output, value } => self.set_value("M67", *output, *value, line, sink),
             Canon::SetAuxOutputValue { output, value } => self.set_value("M68", *output, *value, line, sink),
+            Canon::EnableFeedOverride | Canon::DisableFeedOverride => {
+                self.feed_override.program(*canon == Canon::EnableFeedOverride);
+                Ok(())
+            }
             Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
             // none of these moves or switches anything on this machine
             Canon::OnReset
@@ -125,8 +129,6 @@ impl<'m> CanonExecutor<'m> {
             | Canon::StopSpeedFeedSynch
             | Canon::StartChange
             | Canon::ChangeToolNumber { .. }
-            | Canon::EnableFeedOverride
-            | Canon::DisableFeedOverride
             | Canon::EnableSpeedOverride
             | Canon::DisableSpeedOverride
             | Canon::EnableAdaptiveFeed
@@ -223,6 +225,10 @@ impl<'m> CanonExecutor<'m> {
         let cuts = self.machine.cutter_of(channel).is_some_and(|cutter| cutter.kind.cuts_at_rest());
         if value != 0 && cuts && self.is_cutter_forbidden {
             return Ok(());
+        }
+        if value != 0 && cuts {
+            // Not behind the pierce, where the cutter burns at rest.
+            self.switch_feed_override(line, sink)?;
         }
         let pause_s = self.material.as_ref().map_or(0.0, |material| material.pause_at_end_s);
         if value == 0 && cuts && pause_s > 0.0 && self.cutters.is_lit(self.machine, channel) {

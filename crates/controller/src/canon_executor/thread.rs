@@ -61,7 +61,9 @@ impl CanonExecutor<'_> {
                 let pitch_mm = *pitch_mm;
                 Some(self.end_thread(sink).and_then(|()| self.rigid_tap(end, pitch_mm, line, sink)))
             }
-            (Canon::Comment(_) | Canon::Note(_) | Canon::DisableFeedOverride | Canon::EnableFeedOverride, Some(_)) => {
+            (Canon::Comment(_) | Canon::Note(_), Some(_)) => Some(Ok(())),
+            (Canon::DisableFeedOverride | Canon::EnableFeedOverride, Some(_)) => {
+                self.feed_override.program(*canon == Canon::EnableFeedOverride);
                 Some(Ok(()))
             }
             (_, Some(_)) => self.end_thread(sink).err().map(Err),

@@ -5,6 +5,7 @@
 //! record.
 
 mod marks;
+mod planned_override;
 mod probing;
 mod threads;
 mod tool_lengths;
@@ -32,6 +33,7 @@ use crate::question::Question;
 use crate::soft_limits::{LimitFinding, extremes};
 use crate::thread_plan::ThreadPlanner;
 use crate::tool_length::LengthOffers;
+use planned_override::PlannedOverride;
 use probing::Answers;
 use tool_lengths::{Lengths, Planned};
 use waiting_actions::InnerActions;
@@ -115,6 +117,7 @@ pub struct PlanWriter<'r, const A: usize> {
     room_pause: Duration,
     /// Overrides above 100 %.
     overrides: OverrideApplier,
+    planned_override: PlannedOverride,
     /// The machine whose soft limits no move may leave. None where limits are not checked.
     machine: Option<&'r MachineConfig>,
     lengths: Lengths,
@@ -169,6 +172,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             cancel,
             room_pause: ROOM_PAUSE_VIRTUAL,
             overrides: OverrideApplier::default(),
+            planned_override: PlannedOverride::default(),
             machine: None,
             lengths: Lengths::default(),
             answers: Answers::default(),
@@ -350,27 +354,6 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         Ok(reach_mm)
     }
 
-    /// Adds a synchronous action: executed without a stop, where the next move begins.
-    pub fn action(&mut self, change: OutputChange, line: u32) {
-        self.add_change(change, line, false);
-    }
-
-    /// Adds a synchronous action that reverse run leaves unchanged.
-    pub fn lasting_action(&mut self, change: OutputChange, line: u32) {
-        self.add_change(change, line, true);
-    }
-
-    fn add_change(&mut self, change: OutputChange, line: u32, lasts: bool) {
-        if !self.inhibited.contains(&change.channel) {
-            self.waiting_changes.push_back(WaitingChange {
-                serial: self.serial.wrapping_add(1),
-                change,
-                line,
-                unchanged_in_reverse: lasts,
-            });
-        }
-    }
-
     /// Adds a height over the sheet for the cut that an exclusive instruction here has begun: the tool goes there
     /// beside the motion, `periods` records behind this place.
     pub fn height(&mut self, height: i32, periods: u32, line: u32) {
@@ -396,6 +379,9 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let before = self.outputs;
         changes[..count].iter().for_each(|change| self.outputs[usize::from(change.channel)] = change.value);
         let SwitchInstruction { line, kind, code, is_barrier, undone_in_reverse: undone, layer, .. } = switch;
+        if let ExclusiveKind::FeedOverride { applies } = kind {
+            self.switch_override(applies);
+        }
         if layer.is_some() {
             self.heights.clear();
         }
@@ -496,10 +482,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 let wanted = if self.expected_marks.is_empty() { MAX_RECORDS_PER_MARK } else { 1 };
                 self.retry(|feeder| (feeder.ring.slots() >= wanted).then_some(Ok(())))?;
             }
-            if let Some(planned) = self.overrides.due_at(self.ring.write()) {
-                self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
-                self.planner.set_feed_override(f64::from(planned));
-            }
+            self.apply_due_override();
             let Some(record) = self.planner.next_record() else { return Ok(()) };
             let serial = record.line;
             self.send_active(serial)?;

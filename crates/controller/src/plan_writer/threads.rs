@@ -72,10 +72,7 @@ impl<const A: usize> PlanWriter<'_, A> {
     pub(super) fn push_records(&mut self, records: impl Iterator<Item = Record<A>>) -> Result<[i64; A], Cancelled> {
         let mut moved = [0; A];
         for record in records {
-            if let Some(planned) = self.overrides.due_at(self.ring.write()) {
-                self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
-                self.planner.set_feed_override(f64::from(planned));
-            }
+            self.apply_due_override();
             for (sum, &increment) in moved.iter_mut().zip(&record.increments) {
                 *sum += i64::from(increment);
             }

@@ -24,6 +24,27 @@ impl InnerActions {
 }
 
 impl<const A: usize> PlanWriter<'_, A> {
+    /// Adds a synchronous action: executed without a stop, where the next move begins.
+    pub fn action(&mut self, change: OutputChange, line: u32) {
+        self.add_change(change, line, false);
+    }
+
+    /// Adds a synchronous action that reverse run leaves unchanged.
+    pub fn lasting_action(&mut self, change: OutputChange, line: u32) {
+        self.add_change(change, line, true);
+    }
+
+    fn add_change(&mut self, change: OutputChange, line: u32, lasts: bool) {
+        if !self.inhibited.contains(&change.channel) {
+            self.waiting_changes.push_back(WaitingChange {
+                serial: self.serial.wrapping_add(1),
+                change,
+                line,
+                unchanged_in_reverse: lasts,
+            });
+        }
+    }
+
     /// Adds a synchronous action within the next move, at this share of its length: 0 … 1, ascending.
     pub fn action_within(&mut self, share: f64, change: OutputChange, line: u32) {
         if !self.inhibited.contains(&change.channel) {

@@ -7,6 +7,7 @@ use retrace_core::gate::Gates;
 use retrace_core::{Place, RecordIndex};
 
 use super::RecordStreamer;
+use crate::plan_item::ExclusiveKind;
 
 impl<const A: usize> RecordStreamer<'_, A> {
     /// Oldest place to which [`RecordStreamer::return_to`] can return.
@@ -57,7 +58,65 @@ impl<const A: usize> RecordStreamer<'_, A> {
         for (change, value) in done.changes[..usize::from(done.count)].iter().zip(before) {
             self.expected[usize::from(change.channel)] = value;
         }
+        if let ExclusiveKind::FeedOverride { .. } = done.kind {
+            self.override_switches.pop();
+        }
         self.exclusives.push_front(done);
         self.next_number = self.next_number.wrapping_sub(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::sync_channel;
+
+    use retrace_core::ring::{Cell, Ring};
+    use retrace_core::{Record, size};
+    use retrace_link::{MAX_CHANGES, OutputChange, channel};
+
+    use super::*;
+    use crate::plan_item::{ExclusiveInstruction, PathItem};
+
+    #[test]
+    fn a_switch_of_the_overrides_behind_the_place_is_to_come_again() {
+        let at = RecordIndex::new;
+        let cells: Box<[Cell<Record<1>>]> =
+            (0..size::ring_cells(100, 100).expect("fits")).map(|_| Cell::default()).collect();
+        let mut ring = Ring::new(cells, 100, 100, at(0)).expect("fits");
+        let (mut producer, consumer) = ring.split();
+        let (items, received) = sync_channel(8);
+        let switch = |place, applies| ExclusiveInstruction {
+            place: at(place),
+            line: 1,
+            kind: ExclusiveKind::FeedOverride { applies },
+            code: "M49",
+            changes: [OutputChange::default(); MAX_CHANGES],
+            count: 0,
+            periods: 0,
+            until: None,
+            layer: None,
+            restart_layer: None,
+            restart_pierce: 0,
+            is_barrier: false,
+            question: None,
+            spindle: None,
+        };
+        for switch in [switch(20, false), switch(40, true)] {
+            items.send(PathItem::Exclusive(switch)).expect("room");
+        }
+        (0..50).for_each(|_| producer.push(Record::default()).expect("room"));
+        let mut streamer = RecordStreamer::new(consumer, received, at(0), [0; channel::COUNT], 0);
+        streamer.poll_planner();
+        streamer.seek_place(at(45));
+        assert!((1..=2).all(|number| streamer.mark_executed(number).is_some()));
+        let applies = |of: &RecordStreamer<'_, 1>, place| {
+            of.override_switches.applies_at(Place { record: at(place), fraction: 1 })
+        };
+        assert_eq!([19, 20, 39, 40].map(|place| applies(&streamer, place)), [true, false, false, true]);
+        for (place, next, switched) in [(30, 40, [true, false, false]), (10, 20, [true, true, true])] {
+            streamer.return_to(Place::start_of(at(place)));
+            assert_eq!(streamer.next_exclusive(), Some(at(next)));
+            assert_eq!([19, 20, 40].map(|place| applies(&streamer, place)), switched, "back at {place}");
+        }
     }
 }

@@ -11,7 +11,8 @@ use super::Session;
 use super::cut_end::{CutEnd, UNNOTICED_RECORDS};
 use super::cut_mapping::measure_um;
 use super::cutter_watch::is_unwatched;
-use crate::event::{CutterOffReason, EventKind};
+use crate::cutter_off_reason::CutterOffReason;
+use crate::event::EventKind;
 
 /// A cutter that started in motion and is not proven yet (CUT-38).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,8 +9,9 @@ use retrace_link::{MotionCard, OutputChange, channel};
 use super::back_target::BackTargetKind;
 use super::restart::LeavingRun;
 use super::{ProgramStop, Session};
+use crate::cutter_off_reason::CutterOffReason;
 use crate::cutter_state::CutterState;
-use crate::event::{CutterOffReason, EventKind};
+use crate::event::EventKind;
 use crate::operator::{CommandError, CutStart, OperatorCommand};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -276,7 +277,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn request_override(&mut self, rate: Rate) -> Result<(), CommandError> {
-        let (most, stood) = (self.overrides.max_override(), self.mode_controller.override_rate() == Rate::ZERO);
+        let stood = self.override_applies() && self.mode_controller.override_rate() == Rate::ZERO;
+        let most = self.overrides.max_override();
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
         self.overrides.request(rate, reached).map_err(|_| CommandError::TooManyOverrides)?;
         self.apply_rate_override();
@@ -290,7 +292,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Sets the rapid override, 0 … 100 %. Where it held rapid motion at rest, the outputs are compared before motion
     /// resumes.
     fn set_rapid_override(&mut self, rate: Rate) -> Result<(), CommandError> {
-        let stood = self.mode_controller.rapid_override() == Rate::ZERO && self.card.status().at_rest;
+        let stood = self.override_applies()
+            && self.mode_controller.rapid_override() == Rate::ZERO
+            && self.card.status().at_rest;
         self.mode_controller.apply(ModeCommand::RapidOverride(rate))?;
         if stood && rate > Rate::ZERO && !self.mode_controller.is_held() && self.mode_controller.mode() == Mode::Run {
             let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });

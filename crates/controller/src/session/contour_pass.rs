@@ -13,7 +13,8 @@ use super::back_target::BackTargetKind;
 use super::cut_map::ContourProgress;
 use super::cut_mapping::measure_um;
 use super::{ProgramStop, Session};
-use crate::event::{CutterOffReason, EventKind};
+use crate::cutter_off_reason::CutterOffReason;
+use crate::event::EventKind;
 use crate::operator::{CommandError, CutStart};
 
 const NO_CONTOUR: CommandError = CommandError::NotNow("no contour of this number has been begun");

@@ -26,6 +26,7 @@ mod park;
 mod pause_state;
 mod pointer;
 mod probing;
+mod program_override;
 mod recovery;
 mod restart;
 mod return_path;
@@ -47,8 +48,9 @@ use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
+use crate::cutter_off_reason::CutterOffReason;
 use crate::cutter_state::CutterState;
-use crate::event::{CardError, CutterOffReason, EventKind};
+use crate::event::{CardError, EventKind};
 use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
@@ -67,6 +69,7 @@ use job_phase::{JobPhase, ProgramStop};
 use manual_outputs::ManualOutputs;
 use pause_state::DncPause;
 use probing::ProgramProbing;
+use program_override::ProgramOverride;
 use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
 pub use session_config::RunMode;
@@ -153,6 +156,7 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// Motion that follows the spindle.
     geared: GearedMotion,
     height: HeightByHand,
+    program_override: ProgramOverride,
     /// Wait of the program for an input.
     input_wait: Option<InputWait>,
     /// Test pulse that is on.
@@ -219,6 +223,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             probing: ProgramProbing::new(machine),
             geared: GearedMotion::default(),
             height: HeightByHand::default(),
+            program_override: ProgramOverride::default(),
             input_wait: None,
             test_pulse: None,
             wheel_was_behind: false,
@@ -415,7 +420,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.search_back();
         let (facts, mode) = (self.motion_facts(), self.mode_controller.mode());
-        let demand = self.mode_controller.advance_period(&facts);
+        let demand = self.advance_mode(&facts);
         let mut demand = self.in_gear(demand);
         // An instruction in progress is completed before a pause.
         let pauses = self.dnc.is_pausing() && self.executing.is_none() && !self.is_engaged();
@@ -480,6 +485,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.emit(EventKind::OverridePlanned((100.0 * rate_percent(planned)).round() / 100.0));
             self.apply_rate_override();
         }
+        self.watch_program_override();
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }
@@ -572,8 +578,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let waits = self.mode_controller.mode() != Mode::Run
             || self.dnc.is_paused()
             || self.mode_controller.is_held()
-            || self.mode_controller.override_rate() == Rate::ZERO
-            || self.mode_controller.rapid_override() == Rate::ZERO
+            || self.is_stopped_by_override()
             || self.program_stop != ProgramStop::No
             || self.single_stop;
         let nobody = waits

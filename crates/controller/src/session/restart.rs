@@ -12,7 +12,8 @@ use retrace_link::{
 
 use super::{ProgramStop, Session};
 use crate::canon_executor::HEIGHT;
-use crate::event::{CardError, CutterOffReason, EventKind};
+use crate::cutter_off_reason::CutterOffReason;
+use crate::event::{CardError, EventKind};
 use crate::restart::RestartStep;
 
 /// Progress of a restart.

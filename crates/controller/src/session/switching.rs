@@ -29,7 +29,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let stops = match kind {
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => true,
             ExclusiveKind::OptionalStop => self.optional_stop,
-            ExclusiveKind::Switch | ExclusiveKind::Dwell | ExclusiveKind::OffPath | ExclusiveKind::Input => false,
+            ExclusiveKind::Switch
+            | ExclusiveKind::Dwell
+            | ExclusiveKind::OffPath
+            | ExclusiveKind::Input
+            | ExclusiveKind::FeedOverride { .. } => false,
         };
         let (place, question) = (exclusive.place, exclusive.question.as_deref().copied());
         match question {
@@ -110,8 +114,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.stats.begin_dwell(periods);
         }
         self.stats.switch_events += u64::from(kind == ExclusiveKind::Switch);
-        if kind != ExclusiveKind::Input {
+        if !matches!(kind, ExclusiveKind::Input | ExclusiveKind::FeedOverride { .. }) {
             self.emit_at(line, EventKind::Switching(code));
+        }
+        if let ExclusiveKind::FeedOverride { .. } = kind {
+            // The rate of this period is that before the switch: nothing may be sent behind it yet.
+            return Ok(false);
         }
         self.acknowledge_instruction();
         Ok(true)
@@ -136,7 +144,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn acknowledge_instruction(&mut self) {
         if let Some(done) = self.streamer.acknowledge(self.card.status().executed) {
             self.executing = None;
-            self.emit_at(done.line, EventKind::Switched(done.code));
+            if !matches!(done.kind, ExclusiveKind::FeedOverride { .. }) {
+                self.emit_at(done.line, EventKind::Switched(done.code));
+            }
             self.record_layer_move(done.layer, &done.changes[..usize::from(done.count)]);
             self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);
             let want = self.streamer.expected();

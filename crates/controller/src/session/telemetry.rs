@@ -27,6 +27,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             hold_reason: self.hold_reason(),
             override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
+            override_is_off: !self.override_applies(),
             off_path: self.is_on_lead_in(),
             line: self.line_at_cursor(status),
             ..PeriodRecord::from_status(status)

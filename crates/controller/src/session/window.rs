@@ -42,12 +42,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.streamer.cut_change_before(status.place, self.passed_boundary)
     }
 
-    /// Slides the window. In a mode that retraces, the window is cut at the furthest place, or at the end of the
-    /// thread around it, and at the oldest place before anything moves. A card at the end of a serial line may need the
+    /// Slides the window. In a mode that retraces, the window is cut at the furthest place or before, and at the oldest
+    /// place before anything moves. A card at the end of a serial line may need the
     /// command more than once.
     pub(super) fn slide_window(&mut self, demand: ModeOutput) {
-        let CardStatus { reached, low, high, .. } = *self.card.status();
-        let reached = self.geared.end_of_retrace(reached);
+        let CardStatus { low, high, .. } = *self.card.status();
+        let reached = self.end_of_retrace();
         let horizon = if demand.look_ahead { SendHorizon::LookAhead } else { SendHorizon::Until(reached) };
         if !demand.look_ahead {
             let oldest = self.oldest();

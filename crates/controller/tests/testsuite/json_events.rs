@@ -30,6 +30,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::Mode(Mode::Run),
         EventKind::Operator(OperatorCommand::Hold),
         EventKind::OverridePlanned(120.0),
+        EventKind::FeedOverrideSwitched(false),
         EventKind::CommandRejected(CommandError::NothingBehind),
         EventKind::HistoryStartReached,
         EventKind::RetraceBarrier("M3"),
@@ -103,6 +104,7 @@ fn examples() -> Vec<EventKind> {
         match example {
             EventKind::Started | EventKind::Mode(_) | EventKind::Operator(_) | EventKind::OverridePlanned(_) => {}
             EventKind::CommandRejected(_) | EventKind::HistoryStartReached | EventKind::RetraceBarrier(_) => {}
+            EventKind::FeedOverrideSwitched(_) => {}
             EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}

@@ -217,9 +217,8 @@ impl Core {
             49 => false,
             _ => p != Some(0.0),
         };
-        if !on && code != 52 {
-            let what = if code == 53 { "the feed hold stays" } else { "the operator's overrides stay" };
-            emit.warn(ErrorCode::OverrideStays, Span::default(), format!("M{code}: {what} enabled"));
+        if !on && code == 53 {
+            emit.warn(ErrorCode::FeedHoldStays, Span::default(), "M53 P0: the feed hold stays enabled".to_owned());
         }
         let state = &mut self.state;
         if matches!(code, 48..=50) {

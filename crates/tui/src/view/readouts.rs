@@ -59,10 +59,14 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: T
     let (history_s, history_mm) = model.history();
     let asked = model.override_rate;
     let back = model.back_mm();
+    let effect = match model.override_is_off {
+        true => ReadoutColumn::Text("off by program".into()),
+        false => ReadoutColumn::Bar(asked),
+    };
     let rows: [(&str, String, ReadoutColumn); 5] = [
         ("feed", format!("{:.0} mm/min", model.feed_mm_min), ReadoutColumn::Text(programmed(model))),
         ("rate", format!("{:.0} %", model.rate * 100.0), ReadoutColumn::Bar(model.rate)),
-        ("override", overrides(asked, model.rapid_override), ReadoutColumn::Bar(asked)),
+        ("override", overrides(asked, model.rapid_override), effect),
         (
             "history",
             format!("{} · {}", seconds(history_s), length(history_mm)),

@@ -5,6 +5,7 @@ mod back;
 mod index;
 mod jobs;
 mod pause;
+mod program_override;
 mod release;
 mod resume;
 mod still;

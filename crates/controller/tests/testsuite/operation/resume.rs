@@ -158,6 +158,39 @@ fn overrides_that_were_planned_are_planned_again_at_their_places() {
     );
 }
 
+/// The place is planned again with what the program has switched off before it.
+#[test]
+fn a_job_that_is_left_where_overrides_are_off_is_resumed_so() {
+    let machine = machine(600.0);
+    let text = "G21 G64 P0.05 F1200\nG1 X10\nM49\nG1 X20 Y5\nX10 Y10\nX0\nM48\nG1 X0 Y0\nM2\n";
+    let first = "at 0s override 150%\nat line 5 override 40%\nafter 0.1s ";
+    for leaves in ["stop\n", "reverse 100%\nafter 0.2s stop\n", "reverse 100%\nafter 0.9s stop\n"] {
+        let script = format!("{first}{leaves}");
+        let (end, log, kept) = part(&machine, text, &script, JobStart::First, card(&machine));
+        assert_eq!(end.outcome, Outcome::Stopped);
+        let left = *log.periods.last().expect("periods");
+        let at = JobStart::At(Box::new(kept.resumption(&end.card)));
+        let (end, log, _) = part(&machine, text, "at 0s override 40%\n", at, end.card);
+        assert_eq!(end.outcome, Outcome::Completed);
+        let is_off = |line: u32| (4..=6).contains(&line);
+        let mut whole = 0;
+        for period in log.periods.iter().filter(|period| period.rate != Rate::ZERO) {
+            // Where it comes to a switch, the rate is still that before it.
+            assert!(period.at_rest || period.override_is_off == is_off(period.line), "{leaves}: {period:?}");
+            // It starts inside of a record, and comes to its rate.
+            let from_rest = period.reached.since(left.reached) < 300 && left.reached != period.reached;
+            let is_right = if is_off(period.line) {
+                from_rest || period.reached == left.reached || period.rate == Rate::ONE
+            } else {
+                period.rate <= Rate::percent(40)
+            };
+            assert!(is_right, "{leaves}: {period:?}");
+            whole += u32::from(is_off(period.line) && period.rate == Rate::ONE);
+        }
+        assert!(whole > 500, "{leaves}: {whole}");
+    }
+}
+
 #[test]
 fn what_will_be_done_is_told_before_anything_moves() {
     let machine = machine(600.0);

@@ -73,9 +73,11 @@ impl Path {
                             self.0.push(period.counts);
                         }
                     }
-                    Telemetry::Event(Event { kind: EventKind::Switching(_), place, .. }) => {
-                        self.1.push(place.record.number())
-                    }
+                    Telemetry::Event(Event {
+                        kind: EventKind::Switching(_) | EventKind::FeedOverrideSwitched(_),
+                        place,
+                        ..
+                    }) => self.1.push(place.record.number()),
                     _ => {}
                 }
             }
@@ -389,7 +391,7 @@ pub(crate) fn program(random: &mut Random, moves: u32) -> String {
     for _ in 0..moves {
         let to = [0, 1].map(|_| f64::from(random.up_to(80)) / 10.0);
         let _ = match random.up_to(9) {
-            0 => writeln!(text, "M{}", pick(random, &[3, 5, 7, 8, 9])),
+            0 => writeln!(text, "M{}", pick(random, &[3, 5, 7, 8, 9, 48, 49, 49])),
             1 => writeln!(text, "G4 P0.0{}", 1 + random.up_to(8)),
             2 => writeln!(text, "M6{} P{}", 2 + random.up_to(1), random.up_to(5)),
             3 if to != at => {
