@@ -50,6 +50,11 @@ impl AbrasiveFlow {
         self.waiting.push_back((serial, flow));
     }
 
+    /// Whether nothing is on, nor will be with a move whose records are not counted: records need not be counted.
+    pub(crate) fn is_off(&self) -> bool {
+        self.flow.outputs == 0 && self.waiting.is_empty()
+    }
+
     /// Counts a record of the move with this serial number.
     pub(crate) fn count_record(&mut self, serial: u32) {
         // A move may leave no record. Serial numbers wrap around.

@@ -79,6 +79,7 @@ mod tape;
 mod telemetry;
 mod thread_plan;
 mod tool_length;
+mod value_range;
 
 pub use abrasive_flow::AbrasiveFlow;
 pub use any_card::{AnyCard, AnyCardFailure};
@@ -118,7 +119,7 @@ pub use plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 pub use planned_path::{PathKind, PathVertex, PlannedPath};
 pub use probe_move::{ProbeMove, ProbeOutcome, ProbeResult};
 pub use program_analysis::{
-    Analysed, BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_path, analyse_program,
+    Analysed, BarrierLine, ProgramAnalysis, TravelLeft, WorkExtents, analyse_path, analyse_program,
 };
 pub use question::{InputQuestion, MachineResult, Question, ReadInput};
 pub use read_ahead::{ReadAhead, SourceStatus};
@@ -135,3 +136,4 @@ pub use tape::{ReceivedByte, TapeError, TapeReader};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
 pub use thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadPlanner, ThreadRuns, ThreadStretch};
 pub use tool_length::{EnteredLength, ToolLengthError};
+pub use value_range::ValueRange;

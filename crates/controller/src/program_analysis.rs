@@ -28,27 +28,7 @@ use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
 use crate::tap_move::RigidTap;
 use crate::thread_plan::{ThreadCheck, ThreadRuns, ThreadStretch};
-
-/// Least and greatest of the observed values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ValueRange {
-    /// Least.
-    pub least: f64,
-    /// Greatest.
-    pub greatest: f64,
-}
-
-impl ValueRange {
-    fn new(value: f64) -> Self {
-        Self { least: value, greatest: value }
-    }
-
-    /// Extends a range by a value, or begins one.
-    fn extend(range: &mut Option<Self>, value: f64) {
-        let old = range.unwrap_or(Self::new(value));
-        *range = Some(Self { least: old.least.min(value), greatest: old.greatest.max(value) });
-    }
-}
+use crate::value_range::ValueRange;
 
 /// Extents in the coordinates in which a program was written.
 #[derive(Clone, Debug, PartialEq)]
@@ -130,7 +110,7 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     path: Option<PathRecorder>,
     /// Serial number of the last move, which its records have for a tag: a line may have several moves.
     serial: u32,
-    /// Serial numbers of the moves whose records are not all counted, with their lines.
+    /// Serial numbers of the moves whose records are not all counted, with their lines, where the path is wanted.
     lines: VecDeque<(u32, u32)>,
 }
 
@@ -186,21 +166,28 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     }
 
     fn count(&mut self) {
-        let (mut periods, mut serial) = (0, 0);
+        if self.path.is_none() && self.abrasive.is_off() {
+            let periods = self.planner.count_records();
+            self.add_motion(periods);
+            return;
+        }
+        let mut periods = 0;
         while let Some(mut record) = self.planner.next_record() {
             periods += 1;
-            serial = record.line;
-            self.abrasive.count_record(serial);
+            self.abrasive.count_record(record.line);
             if self.path.is_some() {
-                record.line = self.line_of(serial);
+                record.line = self.line_of(record.line);
             }
             if let Some(path) = &mut self.path {
                 path.add(&record);
             }
         }
+        self.add_motion(periods);
+    }
+
+    /// Adds control periods of motion with the tool in the spindle.
+    fn add_motion(&mut self, periods: u64) {
         if periods > 0 {
-            // Forgets the moves before the last record.
-            self.line_of(serial);
             self.motion_periods += periods;
             *self.tool_periods.entry(self.tool).or_default() += periods;
         }
@@ -215,7 +202,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     /// The serial number of a new move of this line.
     fn next_serial(&mut self, line: u32) -> u32 {
         self.serial = self.serial.wrapping_add(1);
-        self.lines.push_back((self.serial, line));
+        if self.path.is_some() {
+            self.lines.push_back((self.serial, line));
+        }
         self.serial
     }
 

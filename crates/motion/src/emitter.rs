@@ -209,6 +209,19 @@ impl<const A: usize> Emitter<A> {
         self.next_record_of_items()
     }
 
+    /// Counts and skips the records within the current phase or cell. They are not sampled: what the next record has of
+    /// its limits and increments is not that of a record behind them.
+    pub(crate) fn skip_records(&mut self) -> u64 {
+        let until = self.phase.until.max(self.cell.until);
+        let mut skipped = 0;
+        // The times are added up as in records, for the same rounding.
+        while self.time + self.limits.period_s <= until {
+            self.time += self.limits.period_s;
+            skipped += 1;
+        }
+        skipped
+    }
+
     /// Emits the record where the sample is outside the current phase or cell.
     fn next_record_of_items(&mut self) -> Option<Record<A>> {
         let period = self.limits.period_s;

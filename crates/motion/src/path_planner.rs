@@ -144,6 +144,18 @@ impl<const A: usize> PathPlanner<A> {
         self.emitter.next_record()
     }
 
+    /// See [`crate::Planner::count_records`].
+    pub(crate) fn count_records(&mut self) -> u64 {
+        let mut count = 0;
+        loop {
+            count += self.emitter.skip_records();
+            if self.emitter.next_record().is_none() {
+                return count;
+            }
+            count += 1;
+        }
+    }
+
     /// See [`crate::Planner::displace`].
     pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
         !self.has_motion() && self.emitter.displace(pulses, pulses_per_mm)

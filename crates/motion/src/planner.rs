@@ -288,6 +288,13 @@ impl<const A: usize> Planner<A> {
         self.path.next_record()
     }
 
+    /// Takes out all records that [`Planner::next_record`] would, and returns their number. Most of them are not made:
+    /// that takes a small part of the time. [`Planner::set_point`] and the increments of later records up to the next
+    /// stop are without meaning then.
+    pub fn count_records(&mut self) -> u64 {
+        self.path.count_records()
+    }
+
     /// How often the search for a plan has failed so far, and a slower plan was made instead. Best is 0 of each.
     #[must_use]
     pub fn fallbacks(&self) -> PlanFallbacks {

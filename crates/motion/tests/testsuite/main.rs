@@ -8,6 +8,7 @@ mod feed_shares;
 mod look_ahead;
 mod marks;
 mod plan;
+mod record_count;
 mod refinement;
 mod solver;
 mod source_glide;
