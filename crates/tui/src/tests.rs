@@ -439,7 +439,7 @@ fn an_override_that_the_program_has_switched_off_is_shown_with_that() {
             for (width, height) in [(80, 24), (100, 30), (160, 50)] {
                 let screen = text(&drawn(&model, &bench.key_state, width, height, 0));
                 assert!(screen.contains("override 60 %"), "{screen}");
-                assert_eq!(screen.contains("off by program"), is_off, "{screen}");
+                assert_eq!(screen.contains("off (M49)"), is_off, "{screen}");
             }
         }
     }

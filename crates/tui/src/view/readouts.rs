@@ -60,7 +60,7 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: T
     let asked = model.override_rate;
     let back = model.back_mm();
     let effect = match model.override_is_off {
-        true => ReadoutColumn::Text("off by program".into()),
+        true => ReadoutColumn::Text("off (M49)".into()),
         false => ReadoutColumn::Bar(asked),
     };
     let rows: [(&str, String, ReadoutColumn); 5] = [
