@@ -217,6 +217,8 @@ fn long_histories(size: Size) -> String {
 #[cfg(not(any(kani, verify_wasm)))]
 const PERMIT: &str = "crates/card/src/permit.rs";
 #[cfg(not(any(kani, verify_wasm)))]
+const CUTTERS: &str = "crates/card/src/player/cutters.rs";
+#[cfg(not(any(kani, verify_wasm)))]
 const PLAYER: &str = "crates/card/src/player.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 const CARD: &str = "crates/card/src/card.rs";
@@ -304,7 +306,7 @@ pub const ROWS: &[Row] = &[Row {
         },
         Mutant {
             name: "records that come late start motion",
-            file: PLAYER,
+            file: CUTTERS,
             find: "if outcome.blocks {\n            self.block = MotionBlock::CutterOff;",
             put: "if outcome.blocks {\n            self.block = MotionBlock::None;",
             killer: "permit-card",
@@ -368,8 +370,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a sheet that is not found does not block motion",
             file: HEIGHT,
-            find: "self.block = MotionBlock::CutterOff;",
-            put: "self.block = MotionBlock::None;",
+            find: "cause, place);\n        self.block = MotionBlock::CutterOff;",
+            put: "cause, place);\n        self.block = MotionBlock::None;",
             killer: "permit-card",
         },
         Mutant {
