@@ -3,7 +3,7 @@
 use retrace_controller::{
     CutterState, DifferingOutput, EventKind, JobStart, OperatorCommand, Outcome, ResumePoint, ResumedCutEnd,
 };
-use retrace_core::{Place, RecordIndex};
+use retrace_core::{Place, Rate, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use super::{FIRE, PROGRAM, PROOF, machine, run, run_part};
@@ -32,6 +32,31 @@ fn a_lost_arc_is_recovered_where_it_was_lost() {
     assert_eq!((stats.cut_interruptions, stats.contours, stats.contours_not_cut, stats.not_cut_um), (1, 2, 0, 0));
     assert_eq!(job.count(&EventKind::CutContinued), 1);
     assert_eq!(job.count(&EventKind::CutFromHere { moving: true }), 1);
+}
+
+/// The recovery begins before the place where the program switches the overrides off, which it has passed, on the path
+/// and beside it: they are on again there, and are switched off once more.
+#[test]
+fn a_recovery_has_the_overrides_of_its_place() {
+    let program = PROGRAM.replacen("G1 X70", "G1 X29.5\nM49\nG1 X50\nM48\nG1 X70", 1);
+    let whole = run(&machine(), &program, "", "");
+    for start in ["recover", "shift 3 -4\nafter 0.1s recover"] {
+        let job = run(&machine(), &program, "lose@20", &format!("at 0s override 50%\nat 6s {start}\n"));
+        job.assert_part_of(&whole);
+        job.assert_safe();
+        let switched = job.picked(|kind| if let EventKind::FeedOverrideSwitched(on) = kind { Some(*on) } else { None });
+        assert_eq!(switched, [false, true, false, true], "{start}");
+        let continued = job.events.iter().find(|event| event.kind == EventKind::CutContinued).expect("it is recovered");
+        let mut at_one = 0;
+        for period in job.periods.iter().filter(|period| period.period > continued.period && !period.off_path) {
+            let is_off = period.line == 6;
+            let is_right =
+                if is_off { period.rate == Rate::ONE } else { period.line > 8 || period.rate <= Rate::ONE / 2 };
+            assert!(is_right || period.at_rest, "{start}: {period:?}");
+            at_one += u32::from(is_off);
+        }
+        assert!(at_one > 500, "{start}: {at_one}");
+    }
 }
 
 #[test]
