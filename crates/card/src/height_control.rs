@@ -7,7 +7,7 @@
 //!
 //! Invariant: it asks for a motion only within the range around the layer at which it took over, and never before that.
 
-use retrace_core::{FeedShare, Record, RecordIndex};
+use retrace_core::{Record, RecordIndex};
 use retrace_link::{HEIGHT_CONTROLS, HeightControlSettings, HeightSource, HeightState, RESUME_SHARE};
 
 /// Samples in a row with a steep slope, from which on the arc is over a void.
@@ -38,9 +38,9 @@ pub struct HeightConditions {
     pub reading: Option<u16>,
     /// What is added to the target, in readings.
     pub offset: i32,
-    /// The layer, and its bounds on this machine.
+    /// The layer.
     pub layer: i32,
-    /// Lowest and highest layer.
+    /// The lowest and the highest layer between which the sheet was sensed.
     pub bounds: [i32; 2],
 }
 
@@ -116,23 +116,7 @@ impl HeightControl {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            settings: HeightControlSettings {
-                source: HeightSource::None,
-                target: 0,
-                speed: 0,
-                gain: 0,
-                filter: 0,
-                band: 0,
-                slope: 0,
-                void_periods: 0,
-                up: 0,
-                down: 0,
-                delay_periods: 0,
-                samples: 0,
-                hold_below: FeedShare::NONE,
-                look_periods: 0,
-                limit_periods: 0,
-            },
+            settings: HeightControlSettings::NONE,
             part: HeightPart::NoCut,
             aim: 0,
             sum: 0,

@@ -34,7 +34,7 @@ pub enum HeightSource {
 }
 
 /// Settings of height control. Readings are those of an analog input, in units of 2⁻¹⁶ of its range.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct HeightControlSettings {
     /// What the height is controlled by.
     pub source: HeightSource,
@@ -76,16 +76,41 @@ pub struct HeightControlSettings {
 pub const RESUME_SHARE: FeedShare = FeedShare::from_units(32_440);
 
 impl HeightControlSettings {
+    /// Settings with which the height is not controlled.
+    pub const NONE: Self = Self {
+        source: HeightSource::None,
+        target: 0,
+        speed: 0,
+        gain: 0,
+        filter: 0,
+        band: 0,
+        slope: 0,
+        void_periods: 0,
+        up: 0,
+        down: 0,
+        delay_periods: 0,
+        samples: 0,
+        hold_below: FeedShare::NONE,
+        look_periods: 0,
+        limit_periods: 0,
+    };
+
     /// Whether the values are within their ranges, on a card with these numbers of digital and analog inputs.
     #[must_use]
     pub fn is_valid(&self, inputs: u8, analog_inputs: u8) -> bool {
         let has_inputs = match self.source {
-            HeightSource::None => return *self == Self::default(),
+            HeightSource::None => return *self == Self::NONE,
             HeightSource::Volts { input } => input < analog_inputs && self.gain != 0,
             HeightSource::UpDown { up, down } => up < inputs.min(16) && down < inputs.min(16) && up != down,
         };
         let is_bounded = self.up <= MAX_LAYER && self.down <= MAX_LAYER;
         has_inputs && is_bounded && self.speed > 0 && self.samples > 0 && self.hold_below <= RESUME_SHARE
+    }
+}
+
+impl Default for HeightControlSettings {
+    fn default() -> Self {
+        Self::NONE
     }
 }
 

@@ -225,7 +225,8 @@ pub struct CardStatus<const A: usize> {
     pub increments: [i32; A],
     /// Net pulses of each axis since the card was started, counted at the pulse output, without the layer.
     pub counts: [i64; A],
-    /// Layer of the tool axis in pulses, added to the counts of its axis. Over the line, it is reported where it rests.
+    /// Layer of the tool axis in pulses, added to the counts of its axis. Over the line, it is reported where it rests,
+    /// and where the height is controlled once in an interval of the reports.
     pub layer: i32,
     /// State of the control of the height, if the card has one; see [`CardStatus::height_state`].
     pub height: [HeightState; HEIGHT_CONTROLS],

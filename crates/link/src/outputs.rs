@@ -19,8 +19,8 @@ pub mod channel {
     pub const TOOL: u8 = 68;
     /// Whether the loss of a cutter is not watched: 0 or 1 (M62 P1). 0 when an epoch begins.
     pub const UNWATCHED: u8 = 69;
-    /// Whether the height stays where it is controlled: 0, or anything else (M62 P2, a kerf that is crossed). Only with
-    /// the feature `analog`.
+    /// Whether the height stays where it is controlled: 0, or anything else (M62 P2, a kerf that is crossed). 0 when an
+    /// epoch begins. Only with the feature `analog`.
     pub const HEIGHT_HOLD: u8 = 70;
     /// What the operator adds to the target of height control, in readings of its analog input, or [`HEIGHT_STAYS`].
     /// Only with the feature `analog`.

@@ -298,3 +298,63 @@ fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
         std::thread::sleep(Duration::from_millis(20));
     }
 }
+
+/// A job that is stopped where the program holds the height: the next job on the same card is controlled again.
+#[test]
+fn the_next_job_is_not_held_by_the_last_one() {
+    const HELD: &str = "G21 G90 F3000\nG0 X10\nM64 P2\nM3 S1\nG1 X460\nM5\nG0 X0\nM2\n";
+    let bench = bench("delay_s = 0.2", HELD);
+    bench.file("next.ngc", HELD.replace("M64 P2\n", "").replace("G0 X10", "G0 X10 Y30"));
+    bench.file("s.op", "at 7s height up\nat 8s stop\n");
+    let machine = bench.path("m.toml").display().to_string();
+    let vcd = bench.path("pins.vcd").display().to_string();
+    let served = ["--machine", &machine, "--source-faults", "warp=1", "--vcd", &vcd, "--speed", "4"];
+    let card = ServedCard::with(&served);
+    let run = |program: &str, script: &[&str]| {
+        let usual = ["run", program, "--card", &card.port, "--machine", "m.toml", "--json"];
+        bench.retrace(usual.iter().chain(script)).out
+    };
+    let stopped = run("part.ngc", &["--operator", "s.op"]);
+    assert!(stopped.contains("\"outcome\":\"stopped\""), "{stopped}");
+    let next = run("next.ngc", &[]);
+    assert!(next.contains("\"outcome\":\"completed\""), "{next}");
+    let _ = card.end();
+    let trace = samples(&bench.path("pins.vcd"));
+    let cut = trace.windows(2).filter(|pair| is_cutting(pair) && pair[1].counts[1] == 6_000);
+    let worst = cut.map(|pair| (height(&pair[1], 1.0) - HEIGHT).abs()).fold(0.0, f64::max);
+    assert!(worst > 0.0 && worst <= 0.5, "{worst} mm");
+}
+
+/// The arc is lost over a kerf, where the height is held: `recover` begins before it, and the height is controlled there
+/// and behind it, and held over the kerf again.
+#[test]
+fn a_cut_that_is_lost_over_a_kerf_is_recovered() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X160 Y10\nM3 S1\nG1 Y50\nM5\nG0 X10 Y30\nM3\nG1 X460\nM5\nG0 X0 Y0\nM2\n";
+    let (run, trace) = run("delay_s = 0.1", PROGRAM, &format!("warp={RISE},lose@190.3"), "at 20s recover\n");
+    run.assert_exact_and_legal();
+    assert_eq!(run.report["cut_interruptions"], 1, "{}", run.output.out);
+    let cut = trace.windows(2).filter(|pair| is_cutting(pair) && pair[1].counts[1] == 6_000);
+    let cut: Vec<&[Sample]> = cut.filter(|pair| x(&pair[1]) > 200.0).collect();
+    let worst = cut.iter().map(|pair| (height(&pair[1], RISE) - HEIGHT).abs()).fold(0.0, f64::max);
+    assert!(cut.len() > 4_000 && worst <= 0.5, "{worst} mm");
+}
+
+/// The arc is lost where the program holds the height: the restart begins with that, and it ends where the program says.
+#[test]
+fn a_restart_keeps_what_the_program_holds() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X100\nM62 P2\nG1 X300\nM63 P2\nG1 X460\nM5\nG0 X0\nM2\n";
+    let script = "at 12s recover\n";
+    let (run, trace) = run("delay_s = 0.1", PROGRAM, "warp=1,lose@150", script);
+    run.assert_exact_and_legal();
+    assert_eq!(run.report["cut_interruptions"], 1, "{}", run.output.out);
+    let cut: Vec<&[Sample]> = trace.windows(2).filter(|pair| is_cutting(pair)).collect();
+    let moves = |from: f64, to: f64| {
+        let within = cut.iter().filter(|pair| (from..to).contains(&x(&pair[1])));
+        within.filter(|pair| pair[0].layer != pair[1].layer).count()
+    };
+    assert!(moves(60.0, 100.0) > 5 && moves(310.0, 460.0) > 5, "it is controlled before and behind");
+    assert_eq!(moves(105.0, 300.0), 0);
+    let worst = cut.iter().filter(|pair| x(&pair[1]) > 340.0).map(|pair| (height(&pair[1], 1.0) - HEIGHT).abs());
+    let worst = worst.fold(0.0, f64::max);
+    assert!(worst <= 0.5, "{worst} mm");
+}

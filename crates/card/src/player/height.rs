@@ -5,7 +5,7 @@
 
 use retrace_core::{Place, Rate};
 use retrace_link::{
-    AnalogInputs, CardSettings, CutterOffCause, HeightControlSettings, HeightSource, LayerMove, channel,
+    AnalogInputs, CardSettings, CutterOffCause, HeightControlSettings, HeightSource, LayerMove, OutputChange, channel,
 };
 
 use super::{MotionBlock, Player};
@@ -13,10 +13,12 @@ use crate::window::RecordStorage;
 use crate::{HeightConditions, HeightOrder};
 
 impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
-    /// Begins an epoch for the layer: one that is not kept becomes part of the counts.
+    /// Begins an epoch for the layer: one that is not kept becomes part of the counts. The height is not held: that is
+    /// part of the path before.
     pub(super) fn open_layer(&mut self, settings: &CardSettings<A>, most: u16) {
         for control in &mut self.height {
-            control.configure(&HeightControlSettings::default());
+            control.configure(&HeightControlSettings::NONE);
+            self.outputs.set(OutputChange { channel: channel::HEIGHT_HOLD, value: 0 });
         }
         let axis = settings.layer.map_or(0, |layer| usize::from(layer.axis));
         let limits = settings.limits.axes().get(axis).copied().unwrap_or_default();
@@ -31,6 +33,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// the program waits with its moves, and with what it switches behind them; not with a cutter that is on.
     pub(super) fn run_layer(&mut self, active: u16, analog: &AnalogInputs) {
         let is_lit = self.is_lit();
+        let axis = self.layer.axis().map_or(0, usize::from);
+        self.layer.shift_bounds(self.status.increments.get(axis).copied().unwrap_or_default());
         self.control_height(active, analog);
         if !(self.switching.is_busy() || self.layer.is_beside() && is_lit) {
             self.layer.stop();
@@ -72,7 +76,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let path_moves = self.path_moves_layer_axis();
         let axis = self.layer.axis().map_or(0, usize::from);
         let moved = self.status.increments.get(axis).copied().unwrap_or_default();
-        self.layer.shift_bounds(moved);
         let mut now = HeightConditions {
             is_cutting: is_proven && !is_busy && self.status.rate >= Rate::ZERO,
             is_free: self.layer.is_free() && !path_moves,
@@ -89,7 +92,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let Some(control) = self.height.first_mut() else { return };
         if proven.is_none() && !is_busy {
             // The cut is over: what is lit next may be another cutter.
-            control.configure(&HeightControlSettings::default());
+            control.configure(&HeightControlSettings::NONE);
         }
         if let HeightSource::Volts { input } = control.settings().source {
             now.reading = analog.get(usize::from(input)).copied().flatten();

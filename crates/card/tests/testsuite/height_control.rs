@@ -517,6 +517,19 @@ fn the_height_stays_where_no_voltage_is_read() {
     }
 }
 
+/// What held the height belongs to the path before: no epoch begins with it. The offset is the operator's, and stays.
+#[test]
+fn an_epoch_begins_with_the_height_free() {
+    let mut table = Table::new(None);
+    for (channel, value) in [(channel::HEIGHT_HOLD, 1), (channel::HEIGHT_OFFSET, 7)] {
+        table.send(HostCommand::ManualOutput(OutputChange { channel, value }));
+    }
+    table.card.open(&layer_settings(2)).expect("at rest");
+    let outputs = table.period().outputs;
+    let values = [channel::HEIGHT_HOLD, channel::HEIGHT_OFFSET].map(|channel| outputs[usize::from(channel)]);
+    assert_eq!(values, [0, 7]);
+}
+
 /// Settings that the card cannot do are refused with the instruction.
 #[test]
 fn control_that_the_card_cannot_do_is_refused() {

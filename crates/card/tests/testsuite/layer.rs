@@ -8,11 +8,11 @@ use common::{PLAIN, STOP, TestCard, identity, levels, settings};
 use proptest::prelude::*;
 use retrace_card::{LayerDrive, LayerProgress};
 use retrace_core::limits::PulseLimits;
-use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
+use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
-    HeightControlSettings, HeightSource, HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
-    MAX_LAYER, OhmicSensing, OutputChange, PathStart, RepeatedInstruction, channel,
+    HeightControlSettings, HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER,
+    OhmicSensing, OutputChange, PathStart, RepeatedInstruction, channel,
 };
 
 pub(crate) const TORCH: u8 = channel::SPINDLE;
@@ -24,24 +24,6 @@ const PULSE: u64 = 1 << 32;
 
 /// The ohmic contact, where a test uses it.
 const OHMIC: u16 = 1 << 2;
-
-pub(crate) const NO_CONTROL: HeightControlSettings = HeightControlSettings {
-    source: HeightSource::None,
-    target: 0,
-    speed: 0,
-    gain: 0,
-    filter: 0,
-    band: 0,
-    slope: 0,
-    void_periods: 0,
-    up: 0,
-    down: 0,
-    delay_periods: 0,
-    samples: 0,
-    hold_below: FeedShare::NONE,
-    look_periods: 0,
-    limit_periods: 0,
-};
 
 pub(crate) const SETTINGS: LayerSettings =
     LayerSettings { axis: Z as u8, contacts: FLOAT, probe_speed: 4 << 16, latch_speed: 1 << 14 };
@@ -182,7 +164,7 @@ pub(crate) const START: LayerMove = LayerMove::Start {
     cut: 45,
     may_skip: false,
     ohmic: NO_OHMIC,
-    control: [NO_CONTROL],
+    control: [HeightControlSettings::NONE],
 };
 
 /// The torch is lit at the pierce height over the sheet that was found, the feed begins at the height of the cut, and
@@ -317,7 +299,15 @@ fn cut(table: &mut Table, number: u32, may_skip: bool) -> i64 {
     let begin = instruction(
         number,
         Some(1),
-        LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic: NO_OHMIC, control: [NO_CONTROL] },
+        LayerMove::Start {
+            start,
+            lowest,
+            pierce,
+            cut,
+            may_skip,
+            ohmic: NO_OHMIC,
+            control: [HeightControlSettings::NONE],
+        },
     );
     table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..begin }));
     table.lit_at.clear();
@@ -409,7 +399,15 @@ fn a_contact_on_the_way_to_a_known_sheet_lights_nothing() {
     let start = instruction(
         3,
         Some(1),
-        LayerMove::Start { start, lowest, pierce, cut, may_skip: true, ohmic: NO_OHMIC, control: [NO_CONTROL] },
+        LayerMove::Start {
+            start,
+            lowest,
+            pierce,
+            cut,
+            may_skip: true,
+            ohmic: NO_OHMIC,
+            control: [HeightControlSettings::NONE],
+        },
     );
     table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..start }));
     let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
@@ -428,7 +426,8 @@ fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
     settings.layer = Some(LayerSettings { contacts: FLOAT | OHMIC, ..SETTINGS });
     let ohmic = OhmicSensing { inputs: OHMIC, tries, drop: travel as i32 };
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let ohmic_start = LayerMove::Start { start, lowest, pierce, cut, may_skip: false, ohmic, control: [NO_CONTROL] };
+    let ohmic_start =
+        LayerMove::Start { start, lowest, pierce, cut, may_skip: false, ohmic, control: [HeightControlSettings::NONE] };
     // Closes at once, in the second attempt and in the last, and never.
     for closes_from in [0, 1, tries, tries + 1, u8::MAX] {
         let mut table = Table::with(Some(sheet - travel), &settings);
