@@ -35,10 +35,10 @@ pub struct HeightControlConfig {
     /// Cut-off frequency of the low-pass filter of the voltage, in Hz.
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub filter_hz: f64,
-    /// Difference from the target voltage within which the height stays, in V.
+    /// Difference from the target voltage within which the height is held, in V.
     #[schemars(range(min = 0.0, max = 50.0))]
     pub band_volts: f64,
-    /// Rise of the voltage that shows a void, in V/s; the height stays over a void. 0: none is looked for.
+    /// Rise of the voltage that shows a void, in V/s; the height is held over a void. 0: voids are not detected.
     #[schemars(range(min = 0.0, max = 1e6))]
     pub slope_volts_per_s: f64,
     /// Longest void, in ms.
@@ -51,13 +51,13 @@ pub struct HeightControlConfig {
     /// is sampled in this time.
     #[schemars(range(min = 1.0, max = 5000.0))]
     pub sample_ms: f64,
-    /// Percentage of the feed rate below which the height stays: in corners, and with a reduced override.
+    /// Percentage of the feed rate below which the height is held: in corners, and with a reduced override.
     #[schemars(range(min = 0.0, max = 98.0))]
     pub hold_percent: f64,
-    /// Time before a slow part of the path from which on the height stays, in ms.
+    /// Time before a slow part of the path from which on the height is held, in ms.
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub look_ms: f64,
-    /// Length at the end of a contour on which the height stays, in mm.
+    /// Length at the end of a contour on which the height is held, in mm.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub end_mm: f64,
     /// Distance in mm that the torch may be above the height at which the control took over.

@@ -70,8 +70,8 @@ impl CutterOffReason {
                 "the contact for sensing is closed over the sheet, or stays closed; check it, then `recover`"
             }
             Self::Card(CutterOffCause::HeightLimit) => {
-                "E3036: height control stood at the end of its range; check the sheet, the voltage of the material and \
-                 the consumables, then `recover`"
+                "E3036: the torch reached the end of its height range; check the sheet, the voltage of the material \
+                 and the consumables, then `recover`"
             }
             Self::NotLatched => {
                 "E3024: it did not take hold where the cut ended; `recover` tries again, `back to pierce` and `cut` \

@@ -85,7 +85,7 @@ pub enum HeightCommand {
     Down,
     /// To the voltage of the material again.
     Reset,
-    /// Whether the height is controlled; otherwise it stays.
+    /// Whether the height is controlled; otherwise it is held.
     Control(bool),
 }
 

@@ -25,7 +25,7 @@ const HEIGHT_WORDS = {
   off: ['off', 'Height control is off: nothing is cut'],
   waiting: ['waiting', 'Height control waits for its delay and the feed'],
   active: ['active', 'Height control moves the torch'],
-  held: ['stays', 'The height stays: a corner, a void, a kerf, or the program'],
+  held: ['held', 'The height is held: a corner, a void, a kerf, or the program'],
   at_limit: ['AT LIMIT', 'The torch is at the end of its range'],
   stopped: ['OFF', 'The operator has switched height control off'],
 };

@@ -361,7 +361,7 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::HeightDown),
     row(&[Key::Char(';')], ";", "height 0", "height control: back to the voltage of the material", RUN | RETRACE,
         KeyAction::HeightReset),
-    row(&[Key::Char('|')], "|", "height", "height control on, off; off, the height stays", RUN | RETRACE,
+    row(&[Key::Char('|')], "|", "height", "height control on, off; while off, the height is held", RUN | RETRACE,
         KeyAction::HeightControl),
     row(&[Key::Char('M')], "M", "M1 stop", "optional stop (M1) on, off", SETUP | JOB, KeyAction::OptionalStop),
     row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED,

@@ -8,8 +8,8 @@ use super::{Machine, browser, in_control};
 
 /// A server with the example of height control, and its journal in the bench.
 fn serve_torch(bench: &Bench) -> PageServer {
-    let example = |name: &str| root().join("examples").join(name).display().to_string();
-    let (program, machine) = (example("21-height-control.ngc"), example("21-height-control.toml"));
+    let example = |name: &str| root().join("examples/height-control").join(name).display().to_string();
+    let (program, machine) = (example("strips.ngc"), example("table.toml"));
     let journal = bench.path("jobs").display().to_string();
     PageServer::start(&[&program, "--machine", &machine, "--journal", &journal, "--source-faults", "warp=5"])
 }

@@ -249,10 +249,10 @@ fn a_machine_without_a_voltage_refuses_its_words() {
 /// The shipped example, over the sheet of its page.
 #[test]
 fn the_example_follows_its_sheet() {
-    let example = |name: &str| root().join("examples").join(name);
-    let (bench, machine) = (Bench::new(), example("21-height-control.toml").display().to_string());
+    let example = |name: &str| root().join("examples/height-control").join(name);
+    let (bench, machine) = (Bench::new(), example("table.toml").display().to_string());
     let arguments = ["--machine", &machine, "--source-faults", "warp=5"];
-    let run = Run::of(&bench, &example("21-height-control.ngc"), &arguments);
+    let run = Run::of(&bench, &example("strips.ngc"), &arguments);
     assert_eq!((&run.report["outcome"], &run.report["contours_not_cut"]), (&json!("completed"), &json!(0)));
     run.assert_exact_and_legal();
 }
@@ -325,8 +325,8 @@ fn the_next_job_is_not_held_by_the_last_one() {
     assert!(worst > 0.0 && worst <= 0.5, "{worst} mm");
 }
 
-/// The arc is lost over a kerf, where the height is held: `recover` begins before it, and the height is controlled there
-/// and behind it, and held over the kerf again.
+/// The arc is lost over a kerf, where the height is held: `recover` begins before it, and the height is controlled
+/// there and behind it, and held over the kerf again.
 #[test]
 fn a_cut_that_is_lost_over_a_kerf_is_recovered() {
     const PROGRAM: &str = "G21 G90 F3000\nG0 X160 Y10\nM3 S1\nG1 Y50\nM5\nG0 X10 Y30\nM3\nG1 X460\nM5\nG0 X0 Y0\nM2\n";
@@ -339,7 +339,8 @@ fn a_cut_that_is_lost_over_a_kerf_is_recovered() {
     assert!(cut.len() > 4_000 && worst <= 0.5, "{worst} mm");
 }
 
-/// The arc is lost where the program holds the height: the restart begins with that, and it ends where the program says.
+/// The arc is lost where the program holds the height: the restart begins with that, and it ends where the program
+/// ends it.
 #[test]
 fn a_restart_keeps_what_the_program_holds() {
     const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X100\nM62 P2\nG1 X300\nM63 P2\nG1 X460\nM5\nG0 X0\nM2\n";

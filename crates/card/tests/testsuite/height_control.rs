@@ -451,6 +451,21 @@ fn the_height_stays_while_the_proof_flickers() {
     assert!(cut.periods(200).layer > layer);
 }
 
+/// A start without a proof, since the program ignores its input (M62 P1): the control does not begin.
+#[test]
+fn nothing_is_controlled_without_a_proof() {
+    let mut settings = layer_settings(1);
+    settings.inputs[2] = InputSetting::default();
+    let proof = ProofInput { input: 2, proven_periods: 2, lost_periods: 900, out_periods: 0 };
+    settings.cutting.channels[0].proof = Some(proof);
+    let mut cut = Cut::with(HeightControlSettings { slope: 0, ..VOLTS }, 1200, settings);
+    cut.table.send(HostCommand::ManualOutput(OutputChange { channel: channel::UNWATCHED, value: 1 }));
+    cut.noise = |_| 3_000;
+    let layer = cut.table.status().layer;
+    let status = cut.periods(600);
+    assert_eq!((status.layer, status.height_state(), status.outputs[usize::from(TORCH)]), (layer, HeightState::Off, 1));
+}
+
 /// A cutter that stays on backward: the height is not controlled there.
 #[test]
 fn nothing_is_controlled_backward() {
