@@ -526,6 +526,12 @@ impl InstructionExecutor {
             || self.repeat.as_ref().is_some_and(|repeat| is_on(repeat.instruction.changes()))
     }
 
+    /// Whether a repeated instruction senses the sheet and lights nothing: a sense test.
+    pub(crate) fn is_sense_test(&self) -> bool {
+        let senses = |of: &RepeatedInstruction| of.count == 0 && matches!(of.layer, Some(LayerMove::Start { .. }));
+        self.repeat.as_ref().is_some_and(|repeat| senses(&repeat.instruction))
+    }
+
     /// Returns the changes that the waiting instruction makes, and its moves of the layer.
     pub(crate) fn waiting_changes(&self) -> (&[OutputChange], Option<LayerMove>) {
         match &self.pending {

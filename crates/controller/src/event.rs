@@ -17,6 +17,7 @@ use crate::cutter_state::CutterState;
 use crate::differing_outputs::DifferingOutputs;
 use crate::dnc_events::{AxisCounts, DncEvent};
 use crate::operator::{CommandError, LeadShape, OperatorCommand, StartSide};
+use crate::sense_outcome::SenseOutcome;
 
 /// A cause that stops the machine for the rest of the run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -102,6 +103,13 @@ pub enum EventKind {
     },
     /// The job ended before a rigid tap that was due had begun.
     TapNotBegun,
+    /// A sense test has ended: letter of the tool axis, and its result.
+    SenseTest {
+        /// Letter of the tool axis, lower case.
+        axis: char,
+        /// Result.
+        outcome: SenseOutcome,
+    },
     /// Outputs were restored to what the program expects.
     OutputsRestored,
     /// The tool was lifted off the sheet where a cut was interrupted (CUT-31).
@@ -281,6 +289,9 @@ impl Event {
             EventKind::Tapped { reversal_turns } => json!({"event": "tapped", "reversal_turns": reversal_turns}),
             EventKind::TapNotBegun => json!({"event": "tap_not_begun"}),
             EventKind::ToolLifted => json!({"event": "tool_lifted"}),
+            EventKind::SenseTest { axis, outcome } => json!({
+                "event": "sense_test", "axis": axis, "result": outcome.name(), "position_mm": outcome.position_mm(),
+            }),
             EventKind::OutputsRestored => json!({"event": "outputs_restored"}),
             EventKind::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
             EventKind::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
@@ -425,6 +436,7 @@ impl Event {
                 format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
             }
             EventKind::ToolLifted => "the tool is lifted off the sheet".into(),
+            EventKind::SenseTest { axis, outcome } => format!("sense test: {}", outcome.text(*axis)),
             EventKind::OutputsRestored => "outputs restored".into(),
             EventKind::RestartSwitching(code) => format!("restart: {code} begins"),
             EventKind::RestartSwitched(code) => format!("restart: {code} done"),

@@ -131,6 +131,8 @@ pub enum OperatorCommand {
     CutterOn,
     /// Switches the cutter on for the time of a test pulse, at rest.
     TestPulse,
+    /// Senses the sheet at rest, with the cutter off, and returns the tool (CUT-57).
+    SenseTest,
     /// Optional stop: whether M1 stops the program.
     OptionalStop(bool),
     /// Switches an output manually.
@@ -227,6 +229,7 @@ impl fmt::Display for OperatorCommand {
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),
             Self::TestPulse => write!(f, "test pulse"),
+            Self::SenseTest => write!(f, "sense test"),
             Self::OptionalStop(on) => write!(f, "optional stop {}", if *on { "on" } else { "off" }),
             Self::Output { number, on } => write!(f, "output {number} {}", if *on { "on" } else { "off" }),
             Self::Single => write!(f, "single"),

@@ -104,6 +104,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["cutter", "off"] => OperatorCommand::CutterOff,
         ["cutter", "on"] => OperatorCommand::CutterOn,
         ["test", "pulse"] => OperatorCommand::TestPulse,
+        ["sense", "test"] => OperatorCommand::SenseTest,
         ["optional", "stop", state @ ("on" | "off")] => OperatorCommand::OptionalStop(*state == "on"),
         ["output", word, state @ ("on" | "off")] => match word.parse() {
             Ok(number @ 0..=channel::SPINDLE) => OperatorCommand::Output { number, on: *state == "on" },
@@ -141,7 +142,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
                 "skip", "test", "tool", "follow", "cut", "shift", "lead", "contours", "park", "pointer", "change",
-                "height",
+                "height", "sense",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -170,6 +171,8 @@ fn usage_example(word: &str) -> &'static str {
         "cutter" => "cutter off · cutter on",
         "optional" => "optional stop on · optional stop off",
         "rapid" => "rapid override 50%",
+        "sense" => "sense test",
+        "test" => "test pulse",
         "recover" => "recover, without arguments",
         "contours" => "contours, without arguments",
         "pause" | "online" => "pause and online stand alone",
@@ -305,7 +308,7 @@ mod tests {
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
             off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw|\
-            contours|skip contour|back to contour 3";
+            contours|skip contour|back to contour 3|test pulse|sense test";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);

@@ -224,6 +224,15 @@ export class ActionTable {
     });
   }
 
+  performSenseTest() {
+    confirm({
+      title: 'Sense the sheet here?',
+      text: 'The tool goes down to the sheet with the cutter off, and back up. HOLD stops it.',
+      label: 'Sense',
+      run: () => this.orders.send('sense test'),
+    });
+  }
+
   performSkipContour() {
     confirm({
       title: 'Skip the rest of this contour?',

@@ -76,6 +76,7 @@ fn at_stage(command: OperatorCommand, is_job: bool) -> UiCommand {
         OperatorCommand::Output { number, on } if !is_job => UiCommand::Task(ManualTask::Output(number, i32::from(on))),
         OperatorCommand::Jog { axis, mm } if !is_job => UiCommand::Task(ManualTask::Jog { axis, mm }),
         OperatorCommand::TestPulse if !is_job => UiCommand::Task(ManualTask::TestPulse),
+        OperatorCommand::SenseTest if !is_job => UiCommand::Task(ManualTask::SenseTest),
         command => UiCommand::Job(command),
     }
 }

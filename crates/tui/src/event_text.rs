@@ -99,6 +99,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),
         OperatorCommand::TestPulse => "test pulse of the cutter".into(),
+        OperatorCommand::SenseTest => "sense test: the tool goes down to the sheet".into(),
         OperatorCommand::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
         OperatorCommand::Output { number, on } => format!("{} (manual)", output_text(model, *number, i32::from(*on))),
         OperatorCommand::Single => format!("single block {}", if model.single { "on" } else { "off" }),

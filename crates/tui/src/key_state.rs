@@ -350,6 +350,7 @@ impl KeyState {
             KeyAction::ToolLength => ask(PendingQuestion::ToolLength, ""),
             KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
             KeyAction::TestPulse => ask(PendingQuestion::TestPulse, ""),
+            KeyAction::SenseTest => ask(PendingQuestion::SenseTest, ""),
             KeyAction::Quit => ask(PendingQuestion::Stop, ""),
             KeyAction::Help => OpenDialog::Help(0),
             KeyAction::Tools => OpenDialog::Tools,
@@ -498,12 +499,15 @@ impl KeyState {
         *wrong = None;
         let done = match (*ask, key) {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
-            (PendingQuestion::TestPulse, Key::Char('y')) => answer(PendingQuestion::TestPulse, "", model),
+            (ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest), Key::Char('y')) => answer(ask, "", model),
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
             (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
             (PendingQuestion::AlignSheet, _) => Ok(UiCommand::ForgetSheet),
-            (PendingQuestion::Stop | PendingQuestion::TestPulse | PendingQuestion::StartContour(_), _)
-            | (_, Key::Esc | Key::Interrupt) => {
+            (ask, _) if !ask.takes_text() => {
+                self.open = OpenDialog::Nothing;
+                return None;
+            }
+            (_, Key::Esc | Key::Interrupt) => {
                 self.open = OpenDialog::Nothing;
                 return None;
             }

@@ -107,6 +107,8 @@ pub(crate) enum KeyAction {
     CutterOn,
     /// Switches the cutter on for a test pulse.
     TestPulse,
+    /// Senses the sheet with the cutter off.
+    SenseTest,
     /// Traces the rectangle around what the program cuts.
     Frame,
     /// Takes a point on the edge of the sheet; behind the second one, sets the work coordinates by them.
@@ -348,6 +350,8 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::CutterOn),
     row(&[Key::Char('!')], "!", "test pulse", "test pulse of the cutter at rest, after a question",
         SETUP | MOVING | PAUSED, KeyAction::TestPulse),
+    row(&[Key::Char('V')], "V", "sense test", "sense the sheet here, cutter off, and back up; after a question",
+        SETUP | MOVING, KeyAction::SenseTest),
     row(&[Key::Char('N')], "N", "skip", "skip the rest of the contour: pass it with the cutter off",
         RUN | RETRACE | WHEEL, KeyAction::SkipContour),
     row(&[Key::Char('k')], "k", "recover", "back to the end of the cut, cutter on, and resume", RUN | RETRACE | WHEEL,

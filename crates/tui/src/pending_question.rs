@@ -21,6 +21,8 @@ pub(crate) enum PendingQuestion {
     ToolLength,
     /// Whether to fire the cutter for a test pulse.
     TestPulse,
+    /// Whether to sense the sheet.
+    SenseTest,
     /// Whether to start the program at this contour.
     StartContour(u32),
     /// Whether to set the work coordinates by the edge of the sheet.
@@ -34,6 +36,6 @@ pub(crate) enum PendingQuestion {
 impl PendingQuestion {
     /// Whether the answer is a text, and not a key.
     pub(crate) const fn takes_text(self) -> bool {
-        !matches!(self, Self::Stop | Self::TestPulse | Self::AlignSheet | Self::StartContour(_))
+        !matches!(self, Self::Stop | Self::TestPulse | Self::SenseTest | Self::AlignSheet | Self::StartContour(_))
     }
 }

@@ -49,6 +49,7 @@ mod resume;
 mod resume_files;
 #[cfg(unix)]
 mod screen;
+mod sense_test;
 mod serial;
 mod sheet;
 mod sheet_sensing;

@@ -56,12 +56,13 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     }
 
     /// Cancels the start of a cutter that is switched off manually: neither a further attempt nor the instruction that
-    /// waits for its place lights it.
+    /// waits for its place lights it. A sense test ends as well: the tool comes to rest.
     pub(super) fn cancel_start(&mut self, change: OutputChange) {
         if self.permit.fires(change.channel) {
             self.layer.forget_kept_sheet();
         }
-        if change.value == 0 && self.permit.fires(change.channel) && self.switching.switches_on(change.channel) {
+        let is_cancelled = self.switching.switches_on(change.channel) || self.switching.is_sense_test();
+        if change.value == 0 && self.permit.fires(change.channel) && is_cancelled {
             if self.switching.is_pulse() {
                 self.switching.end_pulse(&mut self.outputs);
                 return;

@@ -285,6 +285,36 @@ fn an_alarm_or_the_operator_ends_the_moves() {
     }
 }
 
+/// A repeated instruction without a torch senses the sheet and goes over it, also where the program is held. The torch
+/// switched off by hand ends it anywhere: the tool comes to rest, and the next move is accepted.
+#[test]
+fn a_sense_test_lights_nothing_and_ends_by_hand() {
+    let test = |number| RepeatedInstruction { number, layer: Some(START), ..RepeatedInstruction::default() };
+    let whole = (1..20_000).find(|&periods| {
+        let mut table = Table::new(Some(-900));
+        table.send(HostCommand::Repeat(test(1)));
+        table.periods(periods).repeated == 1
+    });
+    let whole = whole.expect("it is complete");
+    for after in (1..whole + 3).step_by(7) {
+        let mut table = Table::new(Some(-900));
+        table.send(HostCommand::Repeat(test(1)));
+        let done = table.periods(after).repeated == 1;
+        table.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }));
+        let cancelled = (0..3).any(|_| table.period().cutter_off.is_some());
+        assert_eq!(cancelled, !done, "after {after} of {whole}");
+        table.periods(60);
+        let rests_at = table.position;
+        let status = table.periods(300);
+        assert!(status.at_rest && table.lit_at.is_empty() && status.counts == [0, 0], "{after}");
+        assert!(rests_at == table.position && (!done || rests_at == -900 + 1 + 45), "{after}");
+        let back = RepeatedInstruction { layer: Some(LayerMove::To { layer: 0 }), ..test(1 + u32::from(done)) };
+        table.send(HostCommand::Repeat(back));
+        assert_eq!((table.periods(2000).repeated, table.position), (back.number, 0), "{after}");
+        table.assert_limits();
+    }
+}
+
 /// A table whose cursor is at rest at the end of the path, with a rate that is asked for.
 fn at_the_end(sheet: i64) -> Table {
     let mut table = Table::new(Some(sheet));

@@ -266,8 +266,12 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
 
     /// Whether a task is an MDI block that moves the machine.
     fn moves_machine(&self, task: &ManualTask, machine: &MachineConfig) -> bool {
-        let ManualTask::Mdi(block) = task else { return false };
-        self.mdi_context.block(machine, block).is_ok_and(|block| block.moves())
+        match task {
+            ManualTask::Mdi(block) => self.mdi_context.block(machine, block).is_ok_and(|block| block.moves()),
+            // It goes to a position.
+            ManualTask::SenseTest => true,
+            _ => false,
+        }
     }
 
     /// Returns to setup after a job.

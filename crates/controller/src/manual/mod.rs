@@ -4,6 +4,7 @@
 
 mod frame;
 mod perform;
+mod sense_test;
 mod sheet_edge;
 
 pub use frame::FrameRectangle;
@@ -39,6 +40,8 @@ pub enum ManualTask {
     Output(u8, i32),
     /// Switch the first torch, jet or beam on for its test pulse (CUT-9).
     TestPulse,
+    /// Sense the sheet with the cutter off, and return the tool (CUT-57).
+    SenseTest,
     /// Trace the rectangle around what the program cuts, with the pointer (CUT-59).
     Frame(FrameRectangle),
 }

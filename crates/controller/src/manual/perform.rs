@@ -177,15 +177,15 @@ fn begin_path<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::F
 }
 
 /// A task in progress on a card.
-struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
-    machine: &'a MachineConfig,
-    card: &'a mut C,
+pub(super) struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
+    pub(super) machine: &'a MachineConfig,
+    pub(super) card: &'a mut C,
     operators: CommandSources,
-    run_mode: RunMode,
+    pub(super) run_mode: RunMode,
     telemetry: TelemetrySender<A>,
     hand: JogPlanner<'r, A>,
     enough: u32,
-    stopped: bool,
+    pub(super) stopped: bool,
 }
 
 impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
@@ -214,6 +214,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 self.run_periods(if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 })
             }
             ManualTask::TestPulse => self.test_pulse(),
+            ManualTask::SenseTest => self.sense_test(),
             ManualTask::Frame(frame) => self.trace_frame(frame),
             // Blocks are not handled here.
             ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Completed { cut_short: false }),
@@ -385,7 +386,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         Err(ManualTaskError::Card(CardError::Latched(alarm)))
     }
 
-    fn begin(&mut self) -> Result<(), ManualTaskError> {
+    pub(super) fn begin(&mut self) -> Result<(), ManualTaskError> {
         Ok(begin_path(self.card).map_err(CardError::from)?)
     }
 
@@ -397,7 +398,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     /// Runs one control period: the operator's commands, the card, and telemetry.
-    fn run_period(&mut self) -> Result<(), ManualTaskError> {
+    pub(super) fn run_period(&mut self) -> Result<(), ManualTaskError> {
         let period = self.card.status().period;
         while let Some(command) = self.operators.next_command(period, 0) {
             self.emit(EventKind::Operator(command));
@@ -435,7 +436,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         self.emit(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
     }
 
-    fn emit(&mut self, kind: EventKind) {
+    pub(super) fn emit(&mut self, kind: EventKind) {
         let CardStatus { period, place, .. } = *self.card.status();
         let time_s = period as f64 * self.machine.period_s();
         self.telemetry.send(Telemetry::Event(Event { period, time_s, place, line: 0, kind }));

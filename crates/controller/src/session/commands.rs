@@ -47,6 +47,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return taken;
         }
         self.end_test_pulse_by(command)?;
+        self.end_sense_test_by(command)?;
         if !matches!(command, OperatorCommand::CutFromHere(_) | OperatorCommand::CutAll | OperatorCommand::CutAsk) {
             // A refused *cut* is confirmed by the very next word only.
             self.recovery.refused_at = None;
@@ -88,6 +89,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::CutterOff => self.cutter_off(),
             OperatorCommand::CutterOn => return self.cutter_on(),
             OperatorCommand::TestPulse => return self.test_pulse(),
+            OperatorCommand::SenseTest => return self.sense_test(),
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Height(command) => return self.change_height(command),
             OperatorCommand::Recover => return self.recover(),

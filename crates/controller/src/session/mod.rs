@@ -30,6 +30,7 @@ mod program_override;
 mod recovery;
 mod restart;
 mod return_path;
+mod sense_test;
 mod session_config;
 mod switching;
 mod telemetry;
@@ -72,6 +73,8 @@ use probing::ProgramProbing;
 use program_override::ProgramOverride;
 use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
+use sense_test::SenseTest;
+pub(crate) use sense_test::{cancel_command, return_command, sense_command, sensed_mm};
 pub use session_config::RunMode;
 use session_config::{SessionConfig, contour_channels};
 use test_pulse::TestPulse;
@@ -161,6 +164,7 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     input_wait: Option<InputWait>,
     /// Test pulse that is on.
     test_pulse: Option<TestPulse>,
+    sense_test: Option<SenseTest>,
     /// Whether the handwheel has been behind `reached`.
     wheel_was_behind: bool,
     /// Whether the card's window ends where the mode requires.
@@ -226,6 +230,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             program_override: ProgramOverride::default(),
             input_wait: None,
             test_pulse: None,
+            sense_test: None,
             wheel_was_behind: false,
             window_is_trimmed: true,
             alarm_reported: false,
@@ -330,6 +335,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.poll_planner();
         self.apply_commands();
         self.advance_tool_lift();
+        self.advance_sense_test();
         self.advance_retrace_estimate()?;
         if self.dnc.is_off_path() {
             return self.run_paused_period();
@@ -495,6 +501,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_cutter_states(status);
         self.watch_leading_abrasive(status);
         self.watch_test_pulse(status);
+        self.watch_sense_test(status);
         let mode = self.mode_controller.mode();
         let held = self.mode_controller.is_held()
             || self.program_stop != ProgramStop::No

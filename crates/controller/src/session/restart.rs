@@ -227,6 +227,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Handles a cutting output that the card has switched off by itself. Where the machine was at rest, and where the
     /// cutter was lost or not started, the job is interrupted.
     pub(super) fn cutter_went_off(&mut self, off: CutterOff) {
+        if off.channels == 0 && self.sense_test_went_off(off) {
+            return;
+        }
         for at in (0..self.config.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
             let channel = self.config.cutter_channels[at];
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });

@@ -33,17 +33,21 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
+    /// Checks that the machine is at rest and nothing else is in progress; otherwise `why` is the reason.
+    pub(super) fn require_rest_for_test(&self, why: &'static str) -> Result<(), CommandError> {
+        let waits = self.program_stop != ProgramStop::No || self.single_stop || self.dnc.is_on();
+        let rests = self.card.status().at_rest && (waits || self.target == Some(RateTarget::ZERO));
+        let is_busy = self.executing.is_some() || self.restart.is_active() || self.is_lifting();
+        if !rests || is_busy { Err(CommandError::NotNow(why)) } else { Ok(()) }
+    }
+
     fn require_test_pulse_permitted(&self) -> Result<(), CommandError> {
         let status = self.card.status();
-        let waits = self.program_stop != ProgramStop::No || self.single_stop || self.dnc.is_on();
-        let rests = status.at_rest && (waits || self.target == Some(RateTarget::ZERO));
         let refuse = |why| Err(CommandError::NotNow(why));
         if self.config.inhibits_outputs {
             return refuse("this is a dry run: the cutter stays off");
         }
-        if !rests || self.executing.is_some() || self.restart.is_active() {
-            return refuse("a test pulse needs the machine at rest, with the program held or paused");
-        }
+        self.require_rest_for_test("a test pulse needs the machine at rest, with the program held or paused")?;
         if status.inputs & self.config.collision_inputs != 0 {
             return refuse("a collision input of the cutter is active");
         }

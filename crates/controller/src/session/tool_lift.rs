@@ -21,9 +21,9 @@ pub(super) struct ToolLift {
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Whether the tool is being lifted.
+    /// Whether the tool is being lifted, or tests where the sheet is.
     pub(super) const fn is_lifting(&self) -> bool {
-        self.tool_lift.number.is_some()
+        self.tool_lift.number.is_some() || self.sense_test.is_some()
     }
 
     /// The move that lifts the tool, if it is to be lifted now.

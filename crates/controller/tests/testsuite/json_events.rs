@@ -10,7 +10,7 @@ use json_page::JsonPage;
 use retrace_config::ChannelNames;
 use retrace_controller::{
     AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutput, DifferingOutputs, DncEvent,
-    DncFlags, DncStep, Event, EventKind, LeadShape, OperatorCommand, RestoredContour, StartSide,
+    DncFlags, DncStep, Event, EventKind, LeadShape, OperatorCommand, RestoredContour, SenseOutcome, StartSide,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
@@ -45,6 +45,8 @@ fn examples() -> Vec<EventKind> {
             .into_iter(),
         )),
         EventKind::OutputsRestored,
+        EventKind::SenseTest { axis: 'z', outcome: SenseOutcome::Found { mm: -70.125 } },
+        EventKind::SenseTest { axis: 'z', outcome: SenseOutcome::NoSheet },
         EventKind::Probed { touched: true, counts },
         EventKind::Tapped { reversal_turns: 1.25 },
         EventKind::TapNotBegun,
@@ -110,7 +112,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
             EventKind::ToolLifted | EventKind::Probed { .. } | EventKind::Tapped { .. } | EventKind::TapNotBegun => {}
-            EventKind::LossWatch { .. } => {}
+            EventKind::LossWatch { .. } | EventKind::SenseTest { .. } => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }

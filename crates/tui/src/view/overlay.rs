@@ -197,6 +197,11 @@ fn prompt(
             "The cutter FIRES HERE for its pulse_s, with the machine at rest.",
             "y fire · any other key: cancel",
         ),
+        PendingQuestion::SenseTest => (
+            "sense the sheet?",
+            "The tool goes DOWN to the sheet here, with the cutter off, and back up. Space stops it.",
+            "y sense · any other key: cancel",
+        ),
         PendingQuestion::Stop => {
             ("stop the job?", "The job stops here; the breakpoint is saved.", "y stop · any other key: cancel")
         }
