@@ -11,7 +11,7 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
     AnyCard, CommandReceiver, CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, JobStartError,
     JournalRecorder, Observer, Outcome, Report, ResumeError, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer,
-    Telemetry, parse_script, resume_job,
+    Telemetry, resume_job,
 };
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
@@ -24,6 +24,7 @@ use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
 use crate::escape;
 use crate::files;
+use crate::job_script::with_optional_stop;
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableFiles;
 use crate::program::Program;
@@ -246,17 +247,6 @@ fn keyboard(program: &Program) -> Keyboard {
         _ if std::io::stdin().is_terminal() => Keyboard::Terminal,
         _ => Keyboard::None,
     }
-}
-
-/// Puts the optional-stop option before the script.
-fn with_optional_stop(
-    stops: Option<bool>,
-    script: Vec<ScriptInstruction>,
-) -> Result<Vec<ScriptInstruction>, NumberedError> {
-    let Some(stops) = stops else { return Ok(script) };
-    let mut all = parse_script(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
-    all.extend(script);
-    Ok(all)
 }
 
 /// Locks the memory and schedules this thread in real time, before the card's watchdog starts. Where that is not

@@ -35,6 +35,7 @@ mod escape;
 mod files;
 mod homing_notes;
 mod job_runner;
+mod job_script;
 mod job_spec;
 mod jobs;
 mod journaled_job;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use retrace_config::{CutterConfig, MachineConfig, NumberedError};
 use retrace_controller::{
-    AnyCard, JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ResumedCutEnd, ScriptInstruction, parse_script,
+    AnyCard, JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ResumedCutEnd, ScriptInstruction,
     planning_fingerprint,
 };
 use retrace_core::place::number_is_before;
@@ -23,6 +23,7 @@ use crate::args::{self, OnOff};
 use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
 use crate::job_runner::{JobRunner, OutputOptions, TuiOptions, prepare_real_time};
+use crate::job_script::of_resumed_job;
 use crate::journaled_job::{self, JournaledJob};
 use crate::linked_card::{self, GreetedCard};
 use crate::machine_tables::{self, TableFiles};
@@ -457,7 +458,7 @@ impl ResumeStep<'_> {
         let manners = OutputOptions {
             json: args.format.json,
             records: args.operation.records.as_deref(),
-            script: with_confirmation(script.clone(), !resumption.cut_ends.is_empty())?,
+            script: of_resumed_job(&script, &record, !resumption.cut_ends.is_empty())?,
             operator: args.operation.operator.is_some(),
             wall_time,
             optional_stop: args.operation.optional_stop.map(OnOff::is_on).or(record.optional_stop),
@@ -565,14 +566,6 @@ fn resume_entry<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine
         executed,
         counts,
     }
-}
-
-/// Script prefix of a confirmed job: the outputs are restored without another question, and an interrupted cut is
-/// continued.
-fn with_confirmation(script: Vec<ScriptInstruction>, recovers: bool) -> Result<Vec<ScriptInstruction>, NumberedError> {
-    let mut all = parse_script(if recovers { "at 0s recover" } else { "at 0s leave" }, "resume")?;
-    all.extend(script);
-    Ok(all)
 }
 
 fn other_card(what: &str) -> NumberedError {

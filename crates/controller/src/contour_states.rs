@@ -2,7 +2,7 @@
 //!
 //! Invariant: its size is bounded however many contours a program has; a figure that is not known is `None`, never 0.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use crate::contour_list::{ContourList, PlannedContour, RestoredContour};
@@ -17,6 +17,8 @@ const MAX_STATES: usize = 10_000;
 pub enum ContourState {
     /// It was not begun in this job.
     NotBegun,
+    /// The operator skips it once it is reached.
+    Skipped,
     /// It was begun and has not ended: it is being cut, or its cut is interrupted.
     Begun,
     /// It is cut from its pierce to its end.
@@ -31,6 +33,7 @@ impl ContourState {
     pub const fn name(self) -> &'static str {
         match self {
             Self::NotBegun => "not_begun",
+            Self::Skipped => "skipped",
             Self::Begun => "begun",
             Self::Cut => "cut",
             Self::NotCut => "not_cut",
@@ -71,6 +74,7 @@ impl ContourRow<'_> {
     pub fn state_text(&self, decimals: usize) -> String {
         match self.state {
             ContourState::NotBegun => "not cut yet".into(),
+            ContourState::Skipped => "to be skipped".into(),
             ContourState::Begun => format!("{:.decimals$} mm cut so far", self.cut_mm),
             ContourState::Cut => "cut".into(),
             ContourState::NotCut => format!("{:.decimals$} mm NOT CUT", self.not_cut_mm.unwrap_or_default()),
@@ -89,6 +93,8 @@ pub struct ContourStates {
     last: Option<u32>,
     /// Length that is cut of contours whose state is forgotten.
     forgotten_mm: f64,
+    /// Numbers of the contours that the operator skips.
+    skipped: Arc<BTreeSet<u32>>,
 }
 
 impl ContourStates {
@@ -100,8 +106,11 @@ impl ContourStates {
                 EventKind::Started => *self = Self::default(),
                 &EventKind::Contour { number, cut_mm, not_cut_mm } => {
                     self.current.take_if(|(current, _)| *current == number);
+                    // It was passed, or cut.
+                    self.skip(number, false);
                     self.store(number, BegunContour { line: event.line, cut_mm, not_cut_mm: Some(not_cut_mm) });
                 }
+                &EventKind::ContourSkip { number, on } => self.skip(number, on),
                 EventKind::ContoursRestored(contours) => {
                     for &RestoredContour { number, line, cut_mm, not_cut_mm } in contours.iter() {
                         self.store(number, BegunContour { line, cut_mm, not_cut_mm });
@@ -111,6 +120,21 @@ impl ContourStates {
             },
             _ => {}
         }
+    }
+
+    /// The operator skips a contour that is not begun, or cuts it after all.
+    pub fn skip(&mut self, number: u32, on: bool) {
+        let skipped = Arc::make_mut(&mut self.skipped);
+        if on {
+            skipped.insert(number)
+        } else {
+            skipped.remove(&number)
+        };
+    }
+
+    /// Numbers of the contours that the operator skips.
+    pub fn skipped(&self) -> impl Iterator<Item = u32> {
+        self.skipped.iter().copied()
     }
 
     fn observe_period<const A: usize>(&mut self, period: &PeriodRecord<A>) {
@@ -190,6 +214,7 @@ impl ContourStates {
             return None;
         }
         let state = match begun.map(|contour| contour.not_cut_mm) {
+            _ if self.skipped.contains(&number) => ContourState::Skipped,
             None => ContourState::NotBegun,
             Some(None) => ContourState::Begun,
             Some(Some(mm)) if mm > 0.0 => ContourState::NotCut,
@@ -299,6 +324,26 @@ mod tests {
         use ContourState::{Cut, NotCut};
         assert_eq!([1, 2, 3].map(shown), [Some((Cut, 10.0)), Some((NotCut, 10.0)), Some((Cut, 60.0))]);
         assert_eq!((states.ended(), states.cut_mm()), ((3, 1), 80.0));
+    }
+
+    #[test]
+    fn a_contour_is_skipped_until_it_has_been_passed() {
+        let skip = |number, on| {
+            let kind = EventKind::ContourSkip { number, on };
+            Telemetry::<1>::Event(Event { period: 1, time_s: 0.0, place: Place::default(), line: 4, kind })
+        };
+        let mut list = ContourList::<9>::default();
+        for line in [4, 9] {
+            list.begin(64, "torch", line, [0.0; 9]);
+            list.end(64, [60.0; 9]);
+        }
+        let mut states = states(&[skip(1, true), skip(2, true), skip(1, false)]);
+        let shown = |states: &ContourStates| [1, 2].map(|number| states.row(number, Some(&list)).map(|row| row.state));
+        use ContourState::{NotBegun, NotCut, Skipped};
+        assert_eq!(shown(&states), [Some(NotBegun), Some(Skipped)]);
+        assert_eq!(states.skipped().collect::<Vec<_>>(), [2]);
+        states.observe(&ends(2, 0.0, 60.0));
+        assert_eq!(shown(&states), [Some(NotBegun), Some(NotCut)]);
     }
 
     #[test]

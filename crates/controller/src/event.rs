@@ -167,6 +167,13 @@ pub enum EventKind {
         /// Length that is not cut, mm.
         not_cut_mm: f64,
     },
+    /// The operator skips a contour ahead, or cuts it after all.
+    ContourSkip {
+        /// Its number.
+        number: u32,
+        /// Whether it is skipped.
+        on: bool,
+    },
     /// The next start of the cutter lies at this distance from its place on the path, X and Y in mm.
     Shift([f64; 2], Option<StartSide>),
     /// How shifted starts lead in.
@@ -318,6 +325,7 @@ impl Event {
             EventKind::Contour { number, cut_mm, not_cut_mm } => {
                 json!({"event": "contour", "number": number, "cut_mm": cut_mm, "not_cut_mm": not_cut_mm})
             }
+            EventKind::ContourSkip { number, on } => json!({"event": "contour_skip", "number": number, "skipped": on}),
             EventKind::Shift([x, y], side) => json!({
                 "event": "shift", "x_mm": x, "y_mm": y, "side": side.map(StartSide::name),
                 "toward": side.and_then(StartSide::material_name),
@@ -447,6 +455,8 @@ impl Event {
             }
             EventKind::LossWatch { is_watched: true } => "the loss of the cutter is watched again".into(),
             EventKind::LossWatch { is_watched: false } => "the loss of the cutter is NOT watched (M62 P1)".into(),
+            EventKind::ContourSkip { number, on: true } => format!("contour {number} will be skipped"),
+            EventKind::ContourSkip { number, on: false } => format!("contour {number} will be cut"),
             EventKind::NotCut(mm) => {
                 format!(
                     "{mm:.2} mm behind the end of the cut are not cut; `back to pierce`, `cut` cuts the contour again"

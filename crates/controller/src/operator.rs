@@ -123,6 +123,13 @@ pub enum OperatorCommand {
     Recover,
     /// Passes the rest of the contour with its cutter off, and continues the program.
     SkipContour,
+    /// Passes a contour that is not begun yet with its cutter off once it is reached, or cuts it after all.
+    SkipContourAhead {
+        /// Its number.
+        number: u32,
+        /// Whether it is skipped.
+        on: bool,
+    },
     /// Lists the contours with their states. The observers of the job answer it; the machine does nothing.
     Contours,
     /// Switches every cutter off immediately.
@@ -225,6 +232,8 @@ impl fmt::Display for OperatorCommand {
             Self::Confirm => write!(f, "agree"),
             Self::Recover => write!(f, "recover"),
             Self::SkipContour => write!(f, "skip contour"),
+            Self::SkipContourAhead { number, on: true } => write!(f, "skip contour {number}"),
+            Self::SkipContourAhead { number, on: false } => write!(f, "skip contour {number} off"),
             Self::Contours => write!(f, "contours"),
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),

@@ -93,6 +93,12 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["recover"] => OperatorCommand::Recover,
         ["contours"] => OperatorCommand::Contours,
         ["skip", "contour"] => OperatorCommand::SkipContour,
+        ["skip", "contour", number] => {
+            OperatorCommand::SkipContourAhead { number: parse_contour(number, "skip contour 3")?, on: true }
+        }
+        ["skip", "contour", number, "off"] => {
+            OperatorCommand::SkipContourAhead { number: parse_contour(number, "skip contour 3 off")?, on: false }
+        }
         ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
         ["cut", "all"] => OperatorCommand::CutAll,
         ["cut", "ask"] => OperatorCommand::CutAsk,
@@ -172,6 +178,7 @@ fn usage_example(word: &str) -> &'static str {
         "optional" => "optional stop on · optional stop off",
         "rapid" => "rapid override 50%",
         "sense" => "sense test",
+        "skip" => "skip contour · skip contour 3 · skip contour 3 off",
         "test" => "test pulse",
         "recover" => "recover, without arguments",
         "contours" => "contours, without arguments",
@@ -185,15 +192,19 @@ fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["to", "block"] => Ok(OperatorCommand::BackToBlock),
         ["to", "pierce"] => Ok(OperatorCommand::BackToPierce),
         ["to", "cut", "end"] => Ok(OperatorCommand::BackToCutEnd),
-        ["to", "contour", number] => match number.parse() {
-            Ok(number @ 1..) => Ok(OperatorCommand::BackToContour(number)),
-            _ => wrong(format!("`{number}` is not the number of a contour"), "back to contour 3"),
-        },
+        ["to", "contour", number] => Ok(OperatorCommand::BackToContour(parse_contour(number, "back to contour 3")?)),
         [mm, "mm"] => match parse_length(mm)? {
             mm if mm > 0.0 => Ok(OperatorCommand::BackBy(mm)),
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),
         },
         _ => wrong(format!("`back {}` is not understood", words.join(" ")), usage_example("back")),
+    }
+}
+
+fn parse_contour(word: &str, example: &str) -> Result<u32, InstructionError> {
+    match word.parse() {
+        Ok(number @ 1..) => Ok(number),
+        _ => wrong(format!("`{word}` is not the number of a contour"), example),
     }
 }
 
@@ -308,7 +319,7 @@ mod tests {
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
             off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw|\
-            contours|skip contour|back to contour 3|test pulse|sense test";
+            contours|skip contour|skip contour 7|skip contour 7 off|back to contour 3|test pulse|sense test";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);
@@ -344,6 +355,8 @@ mod tests {
             "at 1s shift nnw",
             "after 1s back to the block",
             "after 1s back inf mm",
+            "after 1s skip contour 0",
+            "after 1s skip contour 3 on",
             "after 1s jog q 10",
             "after 1s jog z far",
             "after 1s spindle",

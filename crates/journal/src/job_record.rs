@@ -2,6 +2,7 @@
 //!
 //! Invariant: memory does not grow with the length of the job: marks are read again from the file as a stream.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -42,6 +43,8 @@ pub struct JobRecord {
     pub alarm: Option<Value>,
     /// State of optional stop at the end of the journal. None where the operator never set it.
     pub optional_stop: Option<bool>,
+    /// Numbers of the contours that the operator skips.
+    pub skipped_contours: BTreeSet<u32>,
     /// Number of entries that were lost while the disk did not keep up.
     pub lost: u64,
     /// Number of valid marks.
@@ -168,6 +171,7 @@ impl JobRecord {
             end: None,
             alarm: None,
             optional_stop: None,
+            skipped_contours: BTreeSet::new(),
             lost: 0,
             marks: 0,
             last_mark: None,
@@ -225,6 +229,12 @@ impl JobRecord {
                     self.interrupted_cut = None;
                 } else if event["event"] == "tap_not_begun" {
                     self.tap = None;
+                } else if let Some((number, is_skipped)) = skipped_contour(&event) {
+                    if is_skipped {
+                        self.skipped_contours.insert(number);
+                    } else {
+                        self.skipped_contours.remove(&number);
+                    }
                 } else if let Some(is_on) = optional_stop(&event) {
                     self.optional_stop = Some(is_on);
                 }
@@ -369,6 +379,12 @@ fn optional_stop(event: &Value) -> Option<bool> {
         "optional stop off" => Some(false),
         _ => None,
     }
+}
+
+/// Number of the contour that this event skips, or does not skip any more.
+fn skipped_contour(event: &Value) -> Option<(u32, bool)> {
+    (event["event"] == "contour_skip").then_some(())?;
+    Some((u32::try_from(event["number"].as_u64()?).ok()?, event["skipped"].as_bool()?))
 }
 
 fn open(path: &Path) -> Result<JournalEntries<BufReader<File>>, JournalError> {

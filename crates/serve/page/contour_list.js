@@ -1,4 +1,4 @@
-// Lists the contours of the program: what is cut of each; starts at one, or goes back to one.
+// Lists the contours of the program: what is cut of each; starts at one, goes back to one, or skips it.
 //
 // Invariant: the list is the server's, fetched while it is in view.
 
@@ -31,11 +31,12 @@ export class ContourList {
       fillRow: (row, index) => this.fillRow(row, index),
     });
     this.act = button('Start here', () => this.perform(), { class: 'main' });
+    this.skip = button('Skip it', () => this.performSkip());
     this.title = element('p', { class: 'list-title' });
     this.node = element(
       'div',
       { class: 'column' },
-      element('div', { class: 'list-head' }, this.title, this.act),
+      element('div', { class: 'list-head' }, this.title, this.skip, this.act),
       this.list.node,
     );
     store.on('state control link', () => this.showState());
@@ -109,9 +110,19 @@ export class ContourList {
     });
   }
 
+  performSkip() {
+    const contour = this.contours[this.list.marked];
+    if (!contour || isOff(this.skip)) return;
+    this.orders.send(`skip contour ${contour.number}${contour.state === 'skipped' ? ' off' : ''}`);
+    this.refresh();
+  }
+
   showState() {
     const { store } = this,
       contour = this.contours[this.list.marked];
+    const isAhead = ['not_begun', 'skipped'].includes(contour?.state);
+    setText(this.skip, contour?.state === 'skipped' ? 'Cut it' : 'Skip it');
+    setOff(this.skip, !contour || !store.isHolder || !(store.isSetup || isAhead));
     setText(this.act, store.isSetup ? 'Start here' : 'Back to it');
     setOff(this.act, !contour || !(store.isSetup ? store.allows('cycle-start') : store.allows('back-by')));
     setText(

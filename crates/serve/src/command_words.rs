@@ -76,6 +76,7 @@ fn at_stage(command: OperatorCommand, is_job: bool) -> UiCommand {
         OperatorCommand::Output { number, on } if !is_job => UiCommand::Task(ManualTask::Output(number, i32::from(on))),
         OperatorCommand::Jog { axis, mm } if !is_job => UiCommand::Task(ManualTask::Jog { axis, mm }),
         OperatorCommand::TestPulse if !is_job => UiCommand::Task(ManualTask::TestPulse),
+        OperatorCommand::SkipContourAhead { number, on } if !is_job => UiCommand::SkipContour { number, on },
         OperatorCommand::SenseTest if !is_job => UiCommand::Task(ManualTask::SenseTest),
         command => UiCommand::Job(command),
     }
@@ -99,6 +100,7 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
         UiCommand::CutterOff
             | UiCommand::SheetPoint
             | UiCommand::ForgetSheet
+            | UiCommand::SkipContour { .. }
             | UiCommand::Turn(_)
             | UiCommand::OptionalStop(_)
             | UiCommand::Answer(false)
@@ -110,6 +112,7 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
                     | OperatorCommand::Override(_)
                     | OperatorCommand::RapidOverride(_)
                     | OperatorCommand::CutterOff
+                    | OperatorCommand::SkipContourAhead { .. }
                     | OperatorCommand::SpindleStop
                     | OperatorCommand::Single
             )

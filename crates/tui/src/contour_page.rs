@@ -2,7 +2,7 @@
 //!
 //! Invariant: a contour that is not listed is never marked; what is not known is shown as `?`.
 
-use retrace_controller::{ContourRow, OperatorCommand};
+use retrace_controller::{ContourRow, ContourState, OperatorCommand};
 use retrace_gcode::{FIRST_TEMPORARY_MATERIAL, Material};
 
 use crate::keys::Key;
@@ -62,6 +62,23 @@ pub(crate) fn choice(model: &ScreenModel, chosen: Option<u32>) -> ContourChoice 
     }
 }
 
+/// What the key does that skips the marked contour, or cuts it after all.
+pub(crate) fn skip(model: &ScreenModel, chosen: Option<u32>) -> ContourChoice {
+    let numbers = numbers(model);
+    let marked = marked(model, &numbers, chosen).and_then(|at| numbers.get(at));
+    let Some(row) = marked.and_then(|&number| model.contours.row(number, model.facts.contours.as_deref())) else {
+        return ContourChoice::Refuse("no contour is listed");
+    };
+    let (number, on) = (row.number, row.state != ContourState::Skipped);
+    match &model.stage {
+        ScreenStage::Resuming => ContourChoice::Refuse("confirm or cancel the resumption first"),
+        ScreenStage::Job if !model.is_at_program_end() => {
+            ContourChoice::Send(UiCommand::Job(OperatorCommand::SkipContourAhead { number, on }))
+        }
+        _ => ContourChoice::Send(UiCommand::SkipContour { number, on }),
+    }
+}
+
 /// Title of the page.
 pub(crate) fn title(model: &ScreenModel) -> String {
     let count = match (&model.facts.contours, model.contours.current()) {
@@ -71,7 +88,7 @@ pub(crate) fn title(model: &ScreenModel) -> String {
         (None, None) => "contours".into(),
     };
     let go = if model.stage == ScreenStage::Job { "back to it" } else { "begin there" };
-    format!("{count} · ↑ ↓ PgUp PgDn mark · Enter {go} · Esc close")
+    format!("{count} · ↑ ↓ mark · Enter {go} · N skip it · Esc close")
 }
 
 /// Why the page is empty.

@@ -96,6 +96,8 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Recover => "restart the cutter and resume".into(),
         OperatorCommand::Contours => "list of the contours".into(),
         OperatorCommand::SkipContour => "skip the rest of the contour".into(),
+        OperatorCommand::SkipContourAhead { number, on: true } => format!("skip contour {number}"),
+        OperatorCommand::SkipContourAhead { number, on: false } => format!("cut contour {number} after all"),
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),
         OperatorCommand::TestPulse => "test pulse of the cutter".into(),

@@ -455,6 +455,15 @@ impl KeyState {
             self.open = OpenDialog::Contours(Some(number));
             return None;
         }
+        if matches!(key, Key::Char('n' | 'N')) {
+            // The list stays open: several are skipped at a time.
+            match contour_page::skip(model, at) {
+                ContourChoice::Send(command) => return Some(command),
+                ContourChoice::Refuse(why) => self.show_notice(why, ms),
+                ContourChoice::Start(_) => {}
+            }
+            return None;
+        }
         self.open = OpenDialog::Nothing;
         if key == Key::Enter {
             match contour_page::choice(model, at) {

@@ -23,6 +23,13 @@ pub enum UiCommand {
     StartContour(u32),
     /// Start the program at this line, with the modal state in force there.
     StartLine(u32),
+    /// Skip a contour of the next job, or cut it after all.
+    SkipContour {
+        /// Its number.
+        number: u32,
+        /// Whether it is skipped.
+        on: bool,
+    },
     /// Resume this interrupted job.
     ResumeJob(String),
     /// Return to setup after a job.

@@ -142,6 +142,30 @@ fn a_resumed_job_knows_the_contours_that_were_cut_before() {
     assert!((not_cut - 40.0).abs() < 0.2, "{not_cut}");
 }
 
+/// A contour that is skipped ahead is passed with the cutter off, at any place of the program; the others are cut. One
+/// that was begun is not skipped so. A resumed job skips what the operator had skipped.
+#[test]
+fn contours_ahead_are_skipped() {
+    let script = "at 0s skip contour 2\nat 0s skip contour 3\nat 0s skip contour 3 off\nat 0s contours\n\
+                  at line 10 override 100%\nafter 0.5s skip contour 1\nat line 17 contours\n";
+    let run = run("", script, &[]);
+    run.assert_exact_and_legal();
+    assert_eq!((&run.report["outcome"], &run.report["contours_not_cut"]), (&"completed".into(), &1.into()));
+    let [first, last] = &lists(&run.output.out)[..] else { panic!("{}", run.output.out) };
+    assert_eq!(states(first), [row(1, "not_begun", 0), row(2, "skipped", 0), row(3, "not_begun", 0)]);
+    assert_eq!(states(last), [row(1, "cut", 60), row(2, "not_cut", 0), row(3, "cut", 30)]);
+    let refused: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
+    assert!(refused.len() == 1 && refused[0].contains("has been begun"), "{refused:?}");
+    let bench = bench("at 0s skip contour 2\nat 0s skip contour 3\nat line 10 stop\n");
+    let arguments = ["run", "part.ngc", "--machine", "m.toml", "--operator", "s.op", "--json"];
+    assert_eq!(bench.retrace(arguments).code, Some(4));
+    bench.file("again.op", "at 0s skip contour 3 off\nat line 17 contours\n");
+    let resumed = bench.retrace(["resume", "--yes", "--json", "--operator", "again.op"]);
+    assert_eq!(resumed.code, Some(0), "{}", resumed.err);
+    let last = lists(&resumed.out).pop().expect("a list");
+    assert_eq!(states(&last), [row(1, "cut", 60), row(2, "not_cut", 0), row(3, "cut", 30)]);
+}
+
 /// What is cut again counts once: a torch without an input pierces a little before the end of its cut, and burns in the
 /// kerf.
 #[test]
@@ -244,6 +268,31 @@ fn at_the_screen_a_job_begins_at_a_contour_of_the_list() {
     assert!(page_line(&page, 1).contains("not cut yet") && !page_line(&page, 3).contains("not"), "{page}");
     terminal.keys("\x1b");
     terminal.wait_until("the page closed", |text| !text.contains("back to it"));
+    terminal.keys("q");
+    assert_eq!(terminal.wait_for_end(), Some(0));
+}
+
+/// Contours of the list are skipped before the job begins, and while it runs; N again takes it back.
+#[test]
+fn at_the_screen_contours_of_the_list_are_skipped() {
+    let bench = bench("");
+    let mut terminal = at_the_screen(&bench, "");
+    terminal.keys(&format!("CN{DOWN}N"));
+    let page = terminal.wait_until("both skipped", |text| text.matches("to be skipped").count() == 2);
+    assert!(page.contains("N skip it"), "{page}");
+    terminal.keys("\x1b[AN");
+    let page = terminal.wait_until("one is cut after all", |text| text.matches("to be skipped").count() == 1);
+    assert!(page_line(&page, 1).contains("not cut yet"), "{page}");
+    terminal.keys("\x1b");
+    terminal.wait_until("the page closed", |text| !text.contains("to be skipped"));
+    terminal.keys("c");
+    terminal.wait_for_text("contour 1 of");
+    terminal.keys(&format!("C{DOWN}N{DOWN}N"));
+    let page = terminal.wait_until("the third one is skipped", |text| text.matches("to be skipped").count() == 1);
+    assert!(page.contains("3 ") && !page_line(&page, 2).contains("skipped"), "{page}");
+    terminal.keys("\x1b");
+    let end = terminal.wait_for_text("ENDED");
+    assert!(end.contains("1 of 3 contours NOT cut"), "{end}");
     terminal.keys("q");
     assert_eq!(terminal.wait_for_end(), Some(0));
 }

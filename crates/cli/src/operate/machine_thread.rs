@@ -14,8 +14,8 @@ use std::time::Duration;
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
-    AnyCard, CardError, CommandSources, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError, ModalContext,
-    Observer, Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script,
+    AnyCard, CardError, CommandSources, ContourStates, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError,
+    ModalContext, Observer, Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry,
     perform_manual_task,
 };
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
@@ -31,6 +31,7 @@ use crate::args::{self, Reading};
 use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
 use crate::job_runner::{JobResult, TuiOptions};
+use crate::job_script;
 use crate::job_spec::{JobSpec, MachineAndCard};
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableKeeper;
@@ -156,6 +157,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::Start) => self.run_job(self.args.clone()),
                 Ok(UiCommand::StartContour(number)) => self.run_from_contour(number),
                 Ok(UiCommand::StartLine(line)) => self.run_from_line(line),
+                Ok(UiCommand::SkipContour { number, on }) => self.skip_contour(number, on),
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
                 Ok(UiCommand::Frame) => self.trace_frame(),
@@ -391,6 +393,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 // A start line belonged to the previous program.
                 self.args = args::Run { reading, start_line: None, contour: None, ..self.args.clone() };
                 lock_model(&self.router.model).stage = ScreenStage::Setup;
+                lock_model(&self.router.model).contours = ContourStates::default();
                 preview_thread::show_program::<A>(&self.router.model, machine, &self.program);
                 self.show_tables();
             }
@@ -477,13 +480,11 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         }
     }
 
-    /// Script of a job besides the keys: optional stop, and the script of the command line.
+    /// Script of a job besides the keys: skipped contours, optional stop, and the script of the command line.
     fn script_of_job(&self) -> Vec<ScriptInstruction> {
-        let stops = if self.optional_stop { "at 0s optional stop on" } else { "" };
-        // This text always parses.
-        let mut script = parse_script(stops, "screen").unwrap_or_default();
-        script.extend(self.script.iter().copied());
-        script
+        let contours = lock_model(&self.router.model).contours.clone();
+        // These words always parse.
+        job_script::at_screen(contours.skipped(), self.optional_stop, &self.script).unwrap_or_default()
     }
 
     /// Takes over the results of a job that ended with this exit code.

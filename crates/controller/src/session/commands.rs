@@ -94,6 +94,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Height(command) => return self.change_height(command),
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::SkipContour => return self.skip_contour(),
+            OperatorCommand::SkipContourAhead { number, on } => return self.skip_contour_ahead(number, on),
             // Handled above.
             OperatorCommand::Contours | OperatorCommand::FollowSpindle(_) => {}
             OperatorCommand::Single => self.toggle_single_block(),

@@ -21,6 +21,12 @@ const NO_CONTOUR: CommandError = CommandError::NotNow("no contour of this number
 const CONTOUR_AHEAD: CommandError =
     CommandError::NotNow("the contour, or what is not cut of it, lies ahead: go forward beyond it first");
 
+const BEGUN: CommandError = CommandError::NotNow("the contour has been begun; `skip contour` skips the one being cut");
+const TOO_MANY: CommandError = CommandError::NotNow("too many contours are skipped");
+
+/// Most contours that are skipped.
+const MAX_SKIPPED: usize = 1000;
+
 /// Records before a kerf in which an arc that is lost has come to it: the map has whole records.
 const UNNOTICED_RECORDS: u32 = 3;
 
@@ -37,6 +43,8 @@ pub(super) struct ContourPass {
     begins_at: Option<Place>,
     /// Whether every contour is cut again.
     pub(super) cuts_all: bool,
+    /// Numbers of the contours ahead that are skipped (CUT-61).
+    skipped: Vec<u32>,
     /// Where the contour is cut already, behind the gap that is being cut.
     kerf: Option<RecordIndex>,
 }
@@ -80,6 +88,26 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.recovery.forget_cut_end() {
             self.emit(EventKind::CutContinued);
         }
+        Ok(())
+    }
+
+    /// *Skip contour N*: the contour is passed with the cutter off once it is reached; `on` false takes that back.
+    pub(super) fn skip_contour_ahead(&mut self, number: u32, on: bool) -> Result<(), CommandError> {
+        if let Some(why) = self.config.skip_refusal.filter(|_| on) {
+            return Err(CommandError::NotNow(why));
+        }
+        if on && self.cut_map.contour(number).is_some() {
+            return Err(BEGUN);
+        }
+        let skipped = &mut self.contour_pass.skipped;
+        if on && skipped.len() == MAX_SKIPPED {
+            return Err(TOO_MANY);
+        }
+        skipped.retain(|&other| other != number);
+        if on {
+            skipped.push(number);
+        }
+        self.emit(EventKind::ContourSkip { number, on });
         Ok(())
     }
 
@@ -174,11 +202,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.contour_pass.is_dark
     }
 
-    /// Decides whether the contour that begins here is passed with its cutter off: it is cut, at least at its
-    /// beginning, where a torch would strike no arc (CUT-41).
+    /// Decides whether the contour that begins here is passed with its cutter off: the operator skips it (CUT-61), or it
+    /// is cut, at least at its beginning, where a torch would strike no arc (CUT-41).
     fn pass_what_is_cut(&mut self, pierce: RecordIndex) {
-        let is_chosen = self.contour_pass.begins_at.is_none_or(|place| place == Place::start_of(pierce));
-        if is_chosen || self.contour_pass.cuts_all || self.config.skip_refusal.is_some() {
+        let begins_at = self.contour_pass.begins_at;
+        let is_chosen = begins_at == Some(Place::start_of(pierce));
+        if !is_chosen && self.contour_pass.skipped.contains(&self.cut_map.number_at(pierce)) {
+            return self.contour_pass.pass_dark(None);
+        }
+        if is_chosen || begins_at.is_none() || self.contour_pass.cuts_all || self.config.skip_refusal.is_some() {
             return;
         }
         match self.cut_map.progress_at(pierce) {

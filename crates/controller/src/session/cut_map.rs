@@ -216,6 +216,13 @@ impl CutMap {
         }
     }
 
+    /// Number of the contour that begins at this place, or will be the next one that is begun.
+    pub(super) fn number_at(&self, pierce: RecordIndex) -> u32 {
+        let begun = self.contours.iter().rev().find(|contour| contour.pierce == pierce);
+        let last = if self.last_number == 0 { self.skipped.load(Ordering::Acquire) } else { self.last_number };
+        begun.map_or(last + 1, |contour| contour.number)
+    }
+
     /// The program has lit the cutter before the record at `pierce`.
     pub(super) fn begin_contour(&mut self, pierce: RecordIndex, line: u32, channel: u8) {
         self.current = self.contours.iter().rposition(|contour| contour.pierce == pierce);

@@ -68,6 +68,7 @@ fn examples() -> Vec<EventKind> {
             [RestoredContour { number: 2, line: 7, cut_mm: 59.5, not_cut_mm: Some(0.5) }].into(),
         ),
         EventKind::Contour { number: 3, cut_mm: 59.5, not_cut_mm: 0.5 },
+        EventKind::ContourSkip { number: 4, on: true },
         EventKind::Shift([1.5, -0.75], Some(StartSide { is_left: true, is_part: Some(false) })),
         EventKind::Shift([1.5, -0.75], None),
         EventKind::Lead(LeadShape::Arc),
@@ -112,7 +113,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
             EventKind::ToolLifted | EventKind::Probed { .. } | EventKind::Tapped { .. } | EventKind::TapNotBegun => {}
-            EventKind::LossWatch { .. } | EventKind::SenseTest { .. } => {}
+            EventKind::ContourSkip { .. } | EventKind::LossWatch { .. } | EventKind::SenseTest { .. } => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }

@@ -51,6 +51,16 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         }
     }
 
+    /// Skips a contour of the next job, or cuts it after all (CUT-61).
+    pub(super) fn skip_contour(&mut self, number: u32, on: bool) {
+        {
+            let mut model = lock_model(&self.router.model);
+            model.contours.skip(number, on);
+            model.changes += 1;
+        }
+        self.add_message(format!("contour {number} will be {}", if on { "skipped" } else { "cut" }));
+    }
+
     /// Forgets the points on the edge of the sheet.
     pub(super) fn forget_sheet(&self) {
         let mut model = lock_model(&self.router.model);
