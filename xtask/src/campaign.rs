@@ -166,8 +166,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "cut-day",
-        purpose: "a day of cutting, 20 000 pierces with failed starts, losses and chatter: all is cut, memory does not \
-            grow",
+        purpose: "a day of cutting, 20 000 pierces with failed starts, losses and chatter, also with height control \
+            over a warped sheet, and in part over a line with faults: all is cut, memory does not grow",
         test: ["retrace-tests", "campaigns", "cut_day::"],
         asked: BY_SEED,
         full: 20_000,

@@ -202,8 +202,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.contour_pass.is_dark
     }
 
-    /// Decides whether the contour that begins here is passed with its cutter off: the operator skips it (CUT-61), or it
-    /// is cut, at least at its beginning, where a torch would strike no arc (CUT-41).
+    /// Decides whether the contour that begins here is passed with its cutter off: the operator skips it (CUT-61), or
+    /// it is cut, at least at its beginning, where a torch would strike no arc (CUT-41).
     fn pass_what_is_cut(&mut self, pierce: RecordIndex) {
         let begins_at = self.contour_pass.begins_at;
         let is_chosen = begins_at == Some(Place::start_of(pierce));
