@@ -15,13 +15,15 @@ use retrace_controller::{
 };
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
-use retrace_journal::JournalConfig;
+use retrace_journal::{ConsumableFile, JournalConfig};
 use retrace_link::MotionCard;
 use retrace_tui::ModelObserver;
 use serde_json::Value;
 
 use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
+use crate::consumable_counter::ConsumableCounter;
+use crate::consumables::{set_json, set_text};
 use crate::escape;
 use crate::files;
 use crate::job_script::with_optional_stop;
@@ -148,6 +150,7 @@ impl JobRunner<'_> {
         let mut observers = RunObservers {
             console,
             recorder: journal.as_ref().map(|journal| journal.recorder(machine)),
+            consumables: counter(&options.tables, machine),
             waits: WaitWatch::new(program.source_status()),
             signals: signals.as_ref(),
             terminal: terminal.as_ref(),
@@ -172,8 +175,9 @@ impl JobRunner<'_> {
         }
         let JobEnd { outcome, stats, summary, card } = end.map_err(start_error)?;
         let wall_s = started.elapsed().as_secs_f64();
-        let RunObservers { console, recorder, .. } = observers;
+        let RunObservers { console, recorder, consumables, .. } = observers;
         drop(recorder);
+        let worn = consumables.map(ConsumableCounter::finish);
         let (limit_report, alarms, line, lost_records) = console.finish();
         let report = Report {
             program: program.name(),
@@ -194,8 +198,17 @@ impl JobRunner<'_> {
         let path = |path: &Option<PathBuf>| path.as_deref().map_or(Value::Null, |path| files::absolute(path).into());
         value["parameter_file"] = path(&options.tables.parameters);
         value["tool_table"] = path(&options.tables.tools);
+        let mut worn_lines = String::new();
+        match worn {
+            Some(Ok(sets)) => {
+                value["consumables"] = sets.iter().map(set_json).collect();
+                worn_lines = sets.iter().map(|set| format!("\n  {}", set_text(set))).collect();
+            }
+            Some(Err(unwritable)) => worn_lines = format!("\n  {unwritable}"),
+            None => value["consumables"] = Value::Null,
+        }
         if result.is_none() {
-            print_report(&report, &options.tables, options.json.then_some(&value));
+            print_report(&report, (&options.tables, &worn_lines), options.json.then_some(&value));
         }
         // Standard output itself may be lost: the journal has the report and notes that.
         let lost = lost_records.clone().or_else(crate::out::lost);
@@ -212,7 +225,9 @@ impl JobRunner<'_> {
                     if let Outcome::BlockError(text) = &outcome { format!("{text}\n") } else { String::new() };
                 let text = messages
                     .iter()
-                    .fold(refused + &report_text(&report, &options.tables), |text, line| format!("{text}\n{line}"));
+                    .fold(refused + &report_text(&report, (&options.tables, &worn_lines)), |text, line| {
+                        format!("{text}\n{line}")
+                    });
                 let tables = last.tables().filter(|_| outcome == Outcome::Completed);
                 *result = JobResult { short: summary_line(&report), text, tables };
             }
@@ -238,6 +253,11 @@ impl JobRunner<'_> {
         };
         Ok(code)
     }
+}
+
+/// Counter of the wear of the consumables, where the machine has a file for it.
+fn counter(tables: &TableFiles, machine: &MachineConfig) -> Option<ConsumableCounter> {
+    ConsumableCounter::new(ConsumableFile::at(tables.consumables.as_deref()?), machine)
 }
 
 /// Keyboard for a job of this program.
@@ -286,6 +306,7 @@ fn start_error(why: JobStartError) -> NumberedError {
 struct RunObservers<'m, const A: usize> {
     console: Console<'m, A>,
     recorder: Option<JournalRecorder<A>>,
+    consumables: Option<ConsumableCounter>,
     /// Watch on the source of a streamed program.
     waits: WaitWatch,
     signals: Option<&'m StopSignals>,
@@ -307,6 +328,9 @@ impl<const A: usize> Observer<A> for RunObservers<'_, A> {
         }
         if let Some(recorder) = &mut self.recorder {
             recorder.record(telemetry);
+        }
+        if let Some(consumables) = &mut self.consumables {
+            consumables.observe(telemetry);
         }
         if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, telemetry) {
             let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
@@ -351,13 +375,13 @@ impl<const A: usize> RunObservers<'_, A> {
 }
 
 /// Prints the report: as JSON for a script, otherwise for a person.
-fn print_report<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
+fn print_report<const A: usize>(report: &Report<'_, A>, texts: (&TableFiles, &str), json: Option<&Value>) {
     if let Outcome::BlockError(text) = report.outcome {
         eprintln!("{}", escape::lines(text));
     }
     match json {
         Some(value) => crate::out::line(value),
-        None => crate::out::line(report_text(report, tables)),
+        None => crate::out::line(report_text(report, texts)),
     }
 }
 
@@ -385,7 +409,7 @@ fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
 }
 
 /// Report for a person.
-fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
+fn report_text<const A: usize>(report: &Report<'_, A>, (tables, worn): (&TableFiles, &str)) -> String {
     let value = report.to_json();
     let number = |key: &str| value[key].as_f64().unwrap_or(0.0);
     let times = format!(
@@ -430,5 +454,9 @@ fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> S
         ),
     };
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
-    format!("{}: {}\n{times}\n{position}\n{counted}{cut}{offsets}", escape::name(report.program), report.outcome.word())
+    format!(
+        "{}: {}\n{times}\n{position}\n{counted}{cut}{worn}{offsets}",
+        escape::name(report.program),
+        report.outcome.word()
+    )
 }

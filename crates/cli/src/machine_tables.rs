@@ -32,6 +32,22 @@ pub fn of_machine(
     params: Option<&Path>,
     tools: Option<&Path>,
 ) -> Option<MachineTables> {
+    let file = |ending: &str| Some(files::absolute(&own_file(card, machine, ending)?));
+    Some(MachineTables {
+        parameters: if params.is_none() { Some(file("var")?) } else { None },
+        tools: if tools.is_none() { Some(file("tbl")?) } else { None },
+        consumables: Some(file("consumables.json")?),
+    })
+}
+
+/// File with the wear of the consumables of this machine, as for [`of_machine`].
+#[must_use]
+pub fn consumables_path(card: &str, machine: Option<&Path>) -> Option<PathBuf> {
+    own_file(card, machine, "consumables.json")
+}
+
+/// File of this machine in the state folder with this ending.
+fn own_file(card: &str, machine: Option<&Path>, ending: &str) -> Option<PathBuf> {
     let is_simulated = card == "sim";
     if is_simulated && machine.is_none() {
         return None;
@@ -48,12 +64,7 @@ pub fn of_machine(
     if is_simulated {
         name += "-simulated";
     }
-    let folder = JobStore::state_folder()?.join("machines");
-    let file = |ending: &str| files::absolute(&folder.join(format!("{name}.{ending}")));
-    Some(MachineTables {
-        parameters: params.is_none().then(|| file("var")),
-        tools: tools.is_none().then(|| file("tbl")),
-    })
+    Some(JobStore::state_folder()?.join("machines").join(format!("{name}.{ending}")))
 }
 
 /// Reads the parameters of a machine's own file; the initial ones where it does not exist yet.
@@ -86,6 +97,8 @@ pub struct TableFiles {
     pub parameters: Option<PathBuf>,
     /// Tool table, if any.
     pub tools: Option<PathBuf>,
+    /// Wear of the consumables, if it is counted.
+    pub consumables: Option<PathBuf>,
     /// Whether the parameter file is the machine's own.
     parameters_are_own: bool,
     /// Whether the tool table is the machine's own.
@@ -115,6 +128,7 @@ impl TableFiles {
         Self {
             parameters: params.map(Path::to_owned).or_else(|| own_file(|own| &own.parameters)),
             tools: tools.map(Path::to_owned).or_else(|| own_file(|own| &own.tools)),
+            consumables: own_file(|own| &own.consumables),
             parameters_are_own: params.is_none(),
             tools_are_own: tools.is_none(),
         }

@@ -22,6 +22,8 @@ mod check_progress;
 mod check_report;
 mod command_failure;
 mod console;
+mod consumable_counter;
+mod consumables;
 mod contour_report;
 mod cut_progress;
 mod cutting_report;
@@ -95,6 +97,7 @@ fn main() -> ExitCode {
         Command::Mdi(args) => manual::mdi(&args.block, &args.options),
         Command::Probe(args) => probe::run(&args),
         Command::Machine(args) => machine::run(&args),
+        Command::Consumables(args) => consumables::run(&args).map(|()| 0),
         Command::Materials(args) => materials::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(CommandFailure::from).map(|()| 0),

@@ -132,6 +132,8 @@ pub enum OperatorCommand {
     },
     /// Lists the contours with their states. The observers of the job answer it; the machine does nothing.
     Contours,
+    /// The consumables of the cutters are new: their wear is counted from here on. The observers of the job do it.
+    ConsumablesChanged,
     /// Switches every cutter off immediately.
     CutterOff,
     /// Switches the cutter on manually.
@@ -235,6 +237,7 @@ impl fmt::Display for OperatorCommand {
             Self::SkipContourAhead { number, on: true } => write!(f, "skip contour {number}"),
             Self::SkipContourAhead { number, on: false } => write!(f, "skip contour {number} off"),
             Self::Contours => write!(f, "contours"),
+            Self::ConsumablesChanged => write!(f, "consumables changed"),
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),
             Self::TestPulse => write!(f, "test pulse"),

@@ -92,6 +92,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["agree"] => OperatorCommand::Confirm,
         ["recover"] => OperatorCommand::Recover,
         ["contours"] => OperatorCommand::Contours,
+        ["consumables", "changed"] => OperatorCommand::ConsumablesChanged,
         ["skip", "contour"] => OperatorCommand::SkipContour,
         ["skip", "contour", number] => {
             OperatorCommand::SkipContourAhead { number: parse_contour(number, "skip contour 3")?, on: true }
@@ -145,10 +146,41 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         [] => return wrong("nothing to do", "at 1.5s hold"),
         [first, ..] => {
             let known = [
-                "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
-                "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "skip", "test", "tool", "follow", "cut", "shift", "lead", "contours", "park", "pointer", "change",
-                "height", "sense",
+                "hold",
+                "resume",
+                "reverse",
+                "forward",
+                "override",
+                "wheel",
+                "leave",
+                "agree",
+                "output",
+                "single",
+                "stop",
+                "back",
+                "pause",
+                "spindle",
+                "jog",
+                "online",
+                "cycle",
+                "recover",
+                "cutter",
+                "optional",
+                "rapid",
+                "skip",
+                "test",
+                "tool",
+                "follow",
+                "cut",
+                "shift",
+                "lead",
+                "contours",
+                "park",
+                "pointer",
+                "change",
+                "height",
+                "sense",
+                "consumables",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -178,6 +210,7 @@ fn usage_example(word: &str) -> &'static str {
         "optional" => "optional stop on · optional stop off",
         "rapid" => "rapid override 50%",
         "sense" => "sense test",
+        "consumables" => "consumables changed",
         "skip" => "skip contour · skip contour 3 · skip contour 3 off",
         "test" => "test pulse",
         "recover" => "recover, without arguments",
@@ -319,7 +352,8 @@ mod tests {
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
             off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw|\
-            contours|skip contour|skip contour 7|skip contour 7 off|back to contour 3|test pulse|sense test";
+            contours|skip contour|skip contour 7|skip contour 7 off|back to contour 3|test pulse|\
+            sense test|consumables changed";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);

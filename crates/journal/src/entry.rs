@@ -194,6 +194,9 @@ pub struct MachineTables {
     pub parameters: Option<String>,
     /// Tool table. None where the command gave one.
     pub tools: Option<String>,
+    /// Wear of the consumables. None in the journal of an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub consumables: Option<String>,
 }
 
 /// Arguments of the command; paths are absolute.

@@ -29,6 +29,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod consumables;
 mod durable_place;
 mod entry;
 mod file_hash;
@@ -49,6 +50,7 @@ pub mod state_file;
 mod sync;
 mod timestamp;
 
+pub use consumables::{ConsumableFile, ConsumableSet, ConsumableSets, ConsumableWear};
 pub use durable_place::DurablePlace;
 pub use entry::{
     CommandArguments, EndEntry, FORMAT, FileRole, JobCard, JobEnding, JobHeader, JournalEntry, LatchedTables,

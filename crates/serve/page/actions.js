@@ -233,6 +233,15 @@ export class ActionTable {
     });
   }
 
+  performConsumablesChanged() {
+    confirm({
+      title: 'New consumables?',
+      text: 'Starts, time and length are counted from 0 again.',
+      label: 'They are new',
+      run: () => this.orders.send('consumables changed'),
+    });
+  }
+
   performSkipContour() {
     confirm({
       title: 'Skip the rest of this contour?',

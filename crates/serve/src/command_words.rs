@@ -77,6 +77,7 @@ fn at_stage(command: OperatorCommand, is_job: bool) -> UiCommand {
         OperatorCommand::Jog { axis, mm } if !is_job => UiCommand::Task(ManualTask::Jog { axis, mm }),
         OperatorCommand::TestPulse if !is_job => UiCommand::Task(ManualTask::TestPulse),
         OperatorCommand::SkipContourAhead { number, on } if !is_job => UiCommand::SkipContour { number, on },
+        OperatorCommand::ConsumablesChanged if !is_job => UiCommand::ConsumablesChanged,
         OperatorCommand::SenseTest if !is_job => UiCommand::Task(ManualTask::SenseTest),
         command => UiCommand::Job(command),
     }
@@ -101,6 +102,7 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
             | UiCommand::SheetPoint
             | UiCommand::ForgetSheet
             | UiCommand::SkipContour { .. }
+            | UiCommand::ConsumablesChanged
             | UiCommand::Turn(_)
             | UiCommand::OptionalStop(_)
             | UiCommand::Answer(false)
@@ -113,6 +115,7 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
                     | OperatorCommand::RapidOverride(_)
                     | OperatorCommand::CutterOff
                     | OperatorCommand::SkipContourAhead { .. }
+                    | OperatorCommand::ConsumablesChanged
                     | OperatorCommand::SpindleStop
                     | OperatorCommand::Single
             )

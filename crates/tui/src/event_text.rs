@@ -95,6 +95,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Recover if model.cut_end_line.is_some() => "recover the cut".into(),
         OperatorCommand::Recover => "restart the cutter and resume".into(),
         OperatorCommand::Contours => "list of the contours".into(),
+        OperatorCommand::ConsumablesChanged => "the consumables are new".into(),
         OperatorCommand::SkipContour => "skip the rest of the contour".into(),
         OperatorCommand::SkipContourAhead { number, on: true } => format!("skip contour {number}"),
         OperatorCommand::SkipContourAhead { number, on: false } => format!("cut contour {number} after all"),

@@ -162,6 +162,7 @@ impl FakeMachine {
             | UiCommand::Answer(_)
             | UiCommand::CloseRefusal
             | UiCommand::StartContour(_)
+            | UiCommand::ConsumablesChanged
             | UiCommand::SkipContour { .. }
             | UiCommand::StartLine(_)
             | UiCommand::ResumeJob(_)

@@ -351,6 +351,7 @@ impl KeyState {
             KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
             KeyAction::TestPulse => ask(PendingQuestion::TestPulse, ""),
             KeyAction::SenseTest => ask(PendingQuestion::SenseTest, ""),
+            KeyAction::ConsumablesChanged => ask(PendingQuestion::ConsumablesChanged, ""),
             KeyAction::Quit => ask(PendingQuestion::Stop, ""),
             KeyAction::Help => OpenDialog::Help(0),
             KeyAction::Tools => OpenDialog::Tools,
@@ -508,7 +509,10 @@ impl KeyState {
         *wrong = None;
         let done = match (*ask, key) {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
-            (ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest), Key::Char('y')) => answer(ask, "", model),
+            (
+                ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest | PendingQuestion::ConsumablesChanged),
+                Key::Char('y'),
+            ) => answer(ask, "", model),
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
             (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
             (PendingQuestion::AlignSheet, _) => Ok(UiCommand::ForgetSheet),

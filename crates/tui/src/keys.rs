@@ -109,6 +109,8 @@ pub(crate) enum KeyAction {
     TestPulse,
     /// Senses the sheet with the cutter off.
     SenseTest,
+    /// Counts the wear of the consumables from here on.
+    ConsumablesChanged,
     /// Traces the rectangle around what the program cuts.
     Frame,
     /// Takes a point on the edge of the sheet; behind the second one, sets the work coordinates by them.
@@ -352,6 +354,8 @@ pub(crate) const TABLE: &[Row] = &[
         SETUP | MOVING | PAUSED, KeyAction::TestPulse),
     row(&[Key::Char('V')], "V", "sense test", "sense the sheet here, cutter off, and back up; after a question",
         SETUP | MOVING, KeyAction::SenseTest),
+    row(&[Key::Char('W')], "W", "new parts", "the consumables are new: count their wear from here on; after a question",
+        SETUP | JOB, KeyAction::ConsumablesChanged),
     row(&[Key::Char('N')], "N", "skip", "skip the rest of the contour: pass it with the cutter off",
         RUN | RETRACE | WHEEL, KeyAction::SkipContour),
     row(&[Key::Char('k')], "k", "recover", "back to the end of the cut, cutter on, and resume", RUN | RETRACE | WHEEL,

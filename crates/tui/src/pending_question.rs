@@ -23,6 +23,8 @@ pub(crate) enum PendingQuestion {
     TestPulse,
     /// Whether to sense the sheet.
     SenseTest,
+    /// Whether the consumables are new.
+    ConsumablesChanged,
     /// Whether to start the program at this contour.
     StartContour(u32),
     /// Whether to set the work coordinates by the edge of the sheet.
@@ -36,6 +38,16 @@ pub(crate) enum PendingQuestion {
 impl PendingQuestion {
     /// Whether the answer is a text, and not a key.
     pub(crate) const fn takes_text(self) -> bool {
-        !matches!(self, Self::Stop | Self::TestPulse | Self::SenseTest | Self::AlignSheet | Self::StartContour(_))
+        matches!(
+            self,
+            Self::BackBy
+                | Self::Shift
+                | Self::Output
+                | Self::Mdi
+                | Self::Probe
+                | Self::WorkZero
+                | Self::ToolLength
+                | Self::Program
+        )
     }
 }

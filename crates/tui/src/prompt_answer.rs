@@ -46,6 +46,10 @@ pub(crate) fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> R
         PendingQuestion::TestPulse if model.stage == ScreenStage::Job => Ok(UiCommand::Job(OperatorCommand::TestPulse)),
         PendingQuestion::SenseTest if model.stage == ScreenStage::Job => Ok(UiCommand::Job(OperatorCommand::SenseTest)),
         PendingQuestion::TestPulse | PendingQuestion::SenseTest if !model.homed => Err("home the machine first".into()),
+        PendingQuestion::ConsumablesChanged if model.stage == ScreenStage::Job => {
+            Ok(UiCommand::Job(OperatorCommand::ConsumablesChanged))
+        }
+        PendingQuestion::ConsumablesChanged => Ok(UiCommand::ConsumablesChanged),
         PendingQuestion::SenseTest => Ok(UiCommand::Task(ManualTask::SenseTest)),
         PendingQuestion::TestPulse => Ok(UiCommand::Task(ManualTask::TestPulse)),
         PendingQuestion::StartContour(number) => Ok(UiCommand::StartContour(number)),

@@ -30,6 +30,8 @@ pub enum UiCommand {
         /// Whether it is skipped.
         on: bool,
     },
+    /// The consumables of the cutters are new; no job runs.
+    ConsumablesChanged,
     /// Resume this interrupted job.
     ResumeJob(String),
     /// Return to setup after a job.

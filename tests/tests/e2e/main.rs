@@ -11,6 +11,7 @@ mod check_answers;
 mod check_contours;
 mod check_costs;
 mod command;
+mod consumables;
 mod contours;
 mod cut_resume;
 mod cutter;

@@ -6,6 +6,7 @@
 
 mod card;
 mod check;
+mod consumables;
 mod cycles;
 mod doctor;
 mod machine;
@@ -26,6 +27,7 @@ use clap::{Parser, Subcommand};
 
 pub use self::card::{Card, Serve};
 pub use self::check::{Canon, Check, Plot, Size};
+pub use self::consumables::Consumables;
 pub use self::cycles::{CycleFolders, Cycles, CyclesAction};
 pub use self::doctor::Doctor;
 pub use self::machine::{Machine, MachineKind};
@@ -135,6 +137,10 @@ pub enum Command {
             retrace materials list materials.toml"
     )]
     Materials(Materials),
+    /// Wear of the consumables of a machine since they were changed: starts, time and length cut.
+    #[command(after_help = "Examples:\n  retrace consumables --machine table.toml --card /dev/ttyUSB0\n  \
+        retrace consumables --machine table.toml --card /dev/ttyUSB0 --changed")]
+    Consumables(Consumables),
     /// Home the machine over the card's switches: one axis, or all in the machine file's order.
     #[command(
         after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card \

@@ -158,6 +158,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::StartContour(number)) => self.run_from_contour(number),
                 Ok(UiCommand::StartLine(line)) => self.run_from_line(line),
                 Ok(UiCommand::SkipContour { number, on }) => self.skip_contour(number, on),
+                Ok(UiCommand::ConsumablesChanged) => self.renew_consumables(),
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
                 Ok(UiCommand::Frame) => self.trace_frame(),

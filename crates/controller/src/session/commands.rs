@@ -39,8 +39,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
-        if command == OperatorCommand::Contours {
-            // The observers answer it.
+        if matches!(command, OperatorCommand::Contours | OperatorCommand::ConsumablesChanged) {
+            // The observers do it.
             return Ok(());
         }
         if let Some(taken) = self.apply_command_in_gear(command) {
@@ -96,7 +96,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::SkipContour => return self.skip_contour(),
             OperatorCommand::SkipContourAhead { number, on } => return self.skip_contour_ahead(number, on),
             // Handled above.
-            OperatorCommand::Contours | OperatorCommand::FollowSpindle(_) => {}
+            OperatorCommand::Contours | OperatorCommand::ConsumablesChanged | OperatorCommand::FollowSpindle(_) => {}
             OperatorCommand::Single => self.toggle_single_block(),
             OperatorCommand::Hold => {
                 if self.restart.is_active() && self.cutter_states.contains(&CutterState::Sensing) {

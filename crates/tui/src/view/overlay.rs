@@ -202,6 +202,11 @@ fn prompt(
             "The tool goes DOWN to the sheet here, with the cutter off, and back up. Space stops it.",
             "y sense · any other key: cancel",
         ),
+        PendingQuestion::ConsumablesChanged => (
+            "new consumables?",
+            "Starts, time and length are counted from 0 again.",
+            "y they are new · any other key: cancel",
+        ),
         PendingQuestion::Stop => {
             ("stop the job?", "The job stops here; the breakpoint is saved.", "y stop · any other key: cancel")
         }

@@ -7,10 +7,12 @@ use std::sync::{Arc, Mutex};
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{ManualTask, SheetEdge};
+use retrace_journal::ConsumableFile;
 use retrace_link::{MotionCard, Outputs};
 use retrace_tui::{ScreenModel, lock_model, sheet_text};
 
 use super::MachineThread;
+use crate::machine_tables::TableFiles;
 
 impl<const A: usize> MachineThread<'_, '_, A> {
     /// Takes the place of the tool, or of the pointer while it is on, as a point on the edge of the sheet.
@@ -59,6 +61,19 @@ impl<const A: usize> MachineThread<'_, '_, A> {
             model.changes += 1;
         }
         self.add_message(format!("contour {number} will be {}", if on { "skipped" } else { "cut" }));
+    }
+
+    /// The consumables of all cutters are new (CUT-62).
+    pub(super) fn renew_consumables(&mut self) {
+        let names: Vec<String> = self.machine.cutters.iter().map(|cutter| cutter.name.clone()).collect();
+        let Some(path) = TableFiles::of(&self.args.reading).consumables.filter(|_| !names.is_empty()) else {
+            return self.reject_text("the wear of consumables is not counted on this machine");
+        };
+        let file = ConsumableFile::at(&path);
+        match self.while_idle(move || file.begin(&names)) {
+            Ok(_) => self.add_message("the consumables are new: their wear is counted from here on"),
+            Err(refusal) => self.reject(refusal),
+        }
     }
 
     /// Forgets the points on the edge of the sheet.
