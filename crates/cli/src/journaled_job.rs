@@ -6,7 +6,7 @@
 use retrace_core::RecordIndex;
 use std::path::Path;
 
-use retrace_config::{ChannelNames, MachineConfig, NumberedError};
+use retrace_config::{ChannelNames, MachineConfig, NumberedError, PierceMode};
 use retrace_controller::{JournalRecorder, Outcome, StartPoint};
 use retrace_journal::state_file::FileAccess;
 use retrace_journal::{
@@ -249,6 +249,7 @@ fn arguments(reading: &Reading, planning: Planning, start: Option<StartPoint>) -
         params: absolute(&reading.params),
         ini: absolute(&reading.ini),
         plan: planning.plan,
+        pierces: Some(planning.pierces).filter(|&mode| mode != PierceMode::Usual),
         machine_tables: reading.machine_tables.clone(),
     }
 }

@@ -120,7 +120,7 @@ fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
         None => MachineConfig::built_in()?,
         Some(path) => files::with_materials(MachineConfig::parse(&job.machine.text, path)?, Path::new(path))?,
     };
-    let planning = args::Planning { plan: job.arguments.plan };
+    let planning = args::Planning::of_job(&job.arguments);
     Ok(planning.apply_to(machine).standing_at(&job.counts))
 }
 

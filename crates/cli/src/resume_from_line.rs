@@ -79,7 +79,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         vcd: None,
         source: args::SimulatedSource::default(),
         work: args::SimulatedWork::default(),
-        planning: Planning { plan: job.arguments.plan },
+        planning: Planning::of_job(&job.arguments),
         dry_run: false,
         save_materials: false,
         reading,

@@ -22,6 +22,7 @@ use crate::machine_file::{MachineFile, OnLostControl, OutputSection, RetraceOutp
 use crate::manual_config::{ManualConfig, Written};
 use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
+use crate::pierce_mode::PierceMode;
 use crate::plan_mode::PlanMode;
 use crate::probe_config::ProbeConfig;
 use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
@@ -93,6 +94,8 @@ pub struct MachineConfig {
     pub on_lost_control: OnLostControl,
     /// How the speed along the path is planned.
     pub plan_mode: PlanMode,
+    /// What this run does with the pierces of its program.
+    pub pierce_mode: PierceMode,
     /// Names of outputs by channel, other than those of the cutters.
     pub output_names: BTreeMap<u8, String>,
     /// Length of the handwheel's filter in periods.
@@ -244,6 +247,7 @@ impl MachineConfig {
             spindle,
             on_lost_control: file.on_lost_control,
             plan_mode: file.plan,
+            pierce_mode: PierceMode::Usual,
             output_names,
             card,
             stream_quota_bytes: (file.stream_quota_mib * 1_048_576.0) as u64,

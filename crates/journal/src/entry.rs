@@ -3,7 +3,7 @@
 //! Invariant: an entry is read as it was written or not at all: what a newer version has added is rejected, not
 //! guessed.
 
-use retrace_config::PlanMode;
+use retrace_config::{PierceMode, PlanMode};
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_link::PathStart;
@@ -223,6 +223,9 @@ pub struct CommandArguments {
     /// How the speed along the path is planned, where the command has chosen it and not the machine file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<PlanMode>,
+    /// What is done with the pierces, where the command has chosen it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pierces: Option<PierceMode>,
     /// The machine's own tables, where the job used them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine_tables: Option<MachineTables>,

@@ -38,6 +38,7 @@ mod page;
 mod page_paths;
 mod page_tables;
 mod page_tls;
+mod pierces;
 mod probing;
 mod probing_cycles;
 mod program_override;

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use retrace_config::{MachineConfig, PlanMode};
+use retrace_config::{MachineConfig, PierceMode, PlanMode};
+use retrace_journal::CommandArguments;
 
 /// `--machine`
 #[derive(Clone, Debug, Default, Args)]
@@ -30,13 +31,28 @@ pub struct Planning {
     #[arg(long, value_name = "MODE",
         value_parser = PossibleValuesParser::new(PlanMode::NAMES).try_map(|name| name.parse::<PlanMode>()))]
     pub plan: Option<PlanMode>,
+    /// What is done with the pierces of a cutting program: `only` pierces each contour and cuts nothing, `only:X,Y` at
+    /// this offset in mm from the starts of the contours; `done` cuts from the holes of such a run, without the time
+    /// and height of a pierce.
+    #[arg(long, value_name = "MODE", default_value = "usual", allow_hyphen_values = true)]
+    pub pierces: PierceMode,
 }
 
 impl Planning {
+    /// That of a job.
+    #[must_use]
+    pub fn of_job(arguments: &CommandArguments) -> Self {
+        Self { plan: arguments.plan, pierces: arguments.pierces.unwrap_or_default() }
+    }
+
     /// Returns the machine with the mode of this option, if it is given.
     #[must_use]
     pub fn apply_to(self, mut machine: MachineConfig) -> MachineConfig {
         machine.plan_mode = self.plan.unwrap_or(machine.plan_mode);
+        machine.pierce_mode = self.pierces;
+        if self.pierces == PierceMode::Done {
+            machine.cutters.iter_mut().for_each(|cutter| cutter.start.pierce_s = 0.0);
+        }
         machine
     }
 }

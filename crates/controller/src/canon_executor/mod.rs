@@ -21,7 +21,7 @@ mod unknown_path;
 
 use std::sync::Arc;
 
-use retrace_config::MachineConfig;
+use retrace_config::{CutterKind, MachineConfig};
 use retrace_gcode::{Axis, Canon, LengthUnit, Material, Nurbs, PathControl, Plane, Pose};
 use retrace_motion::{Arc as ArcMove, FeedRate, PathMode};
 
@@ -254,9 +254,11 @@ impl<'m> CanonExecutor<'m> {
     /// The transformation between machine and program coordinates that is in force.
     #[must_use]
     pub(crate) fn work_offset(&self) -> WorkOffset {
+        let ([dx, dy], (sin, cos)) = (self.machine.pierce_mode.offset_mm(), self.rotation);
+        let shift = Pose::xyz(dx * cos - dy * sin, dx * sin + dy * cos, 0.0);
         WorkOffset {
             system: self.system,
-            origin_mm: self.g5x.plus(&self.g92).plus(&self.tool),
+            origin_mm: self.g5x.plus(&self.g92).plus(&self.tool).plus(&shift),
             rotation_deg: self.rotation_deg,
         }
     }
@@ -279,6 +281,8 @@ impl<'m> CanonExecutor<'m> {
     /// Machine position in mm of a position in program coordinates and units.
     fn machine_position(&self, program: &Pose) -> Pose {
         let mut at = self.in_mm(program).plus(&self.g92);
+        let [x, y] = self.machine.pierce_mode.offset_mm();
+        (at[Axis::X], at[Axis::Y]) = (at[Axis::X] + x, at[Axis::Y] + y);
         if self.rotation_deg != 0.0 {
             let ((sin, cos), x, y) = (self.rotation, at[Axis::X], at[Axis::Y]);
             at[Axis::X] = x * cos - y * sin;
@@ -295,6 +299,8 @@ impl<'m> CanonExecutor<'m> {
             at[Axis::X] = x * cos + y * sin;
             at[Axis::Y] = y * cos - x * sin;
         }
+        let [x, y] = self.machine.pierce_mode.offset_mm();
+        (at[Axis::X], at[Axis::Y]) = (at[Axis::X] - x, at[Axis::Y] - y);
         at.minus(&self.g92).scaled_lengths(1.0 / self.unit.millimetres())
     }
 
@@ -356,8 +362,11 @@ impl<'m> CanonExecutor<'m> {
         let really =
             self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, is_machine));
         let own = self.machine_coordinates(&really)?;
-        self.switch_feed_override(line, sink)?;
         let is_rapid = matches!(feed, FeedRate::Rapid);
+        if !is_rapid && self.leaves_cut_out() {
+            return Ok(());
+        }
+        self.switch_feed_override(line, sink)?;
         if is_rapid {
             self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
@@ -373,12 +382,21 @@ impl<'m> CanonExecutor<'m> {
         Ok(())
     }
 
+    /// Whether a feed move is left out: this run pierces only, and a cutter is on.
+    fn leaves_cut_out(&self) -> bool {
+        let mut cutters = self.machine.cutters.iter().filter(|cutter| cutter.kind != CutterKind::Spindle);
+        self.machine.pierce_mode.cuts_nothing() && cutters.any(|of| self.cutters.is_lit(self.machine, of.fire))
+    }
+
     fn arc<const A: usize>(
         &mut self,
         arc: &retrace_gcode::ArcFeed,
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
+        if self.leaves_cut_out() {
+            return Ok(());
+        }
         let [first, second, _] = arc.plane.axes();
         let index = |axis: Axis| self.axes.iter().position(|&a| a == axis);
         let (Some(p), Some(q)) = (index(first), index(second)) else {
@@ -433,6 +451,9 @@ impl<'m> CanonExecutor<'m> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
+        if self.leaves_cut_out() {
+            return Ok(());
+        }
         let (deviation_mm, inside) = match self.path {
             PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(MIN_DEVIATION_MM), self.path),
             _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),

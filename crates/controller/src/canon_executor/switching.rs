@@ -3,8 +3,6 @@
 //! Invariant: an unsupported function is rejected by name; the compiler demands a rule here for a new canonical
 //! function.
 
-use std::sync::Arc;
-
 use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
 use retrace_gcode::{Canon, CuttingSwitch};
 use retrace_link::{LayerMove, OutputChange, channel};
@@ -41,7 +39,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::SetCutting(CuttingSwitch::IgnoreArcOk, ignored) => self.ignore_proof(*ignored, line, sink),
             Canon::SetCutting(CuttingSwitch::HeightControl, allowed) => self.hold_height(!*allowed, line, sink),
             Canon::SelectMaterial(material) => {
-                self.material = Some(Arc::clone(material));
+                self.material = Some(self.pierced_material(material));
                 Ok(())
             }
             Canon::MistOn => self.switch("M7", channel::MIST, 1, line, sink),

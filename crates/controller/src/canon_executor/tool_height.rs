@@ -3,8 +3,10 @@
 //! Invariant: no rapid move is made with the cutter off at the height of its cut, and no move of the tool axis while
 //! the layer may not be 0.
 
-use retrace_config::ToolLayer;
-use retrace_gcode::Axis;
+use std::sync::Arc;
+
+use retrace_config::{PierceMode, ToolLayer};
+use retrace_gcode::{Axis, Material};
 use retrace_link::{LayerMove, OutputChange};
 
 use super::cut_areas::CutAreas;
@@ -94,6 +96,20 @@ impl CanonExecutor<'_> {
     fn dry_lift(&mut self, first_lift: Option<LayerMove>) -> Option<LayerMove> {
         let is_first = std::mem::replace(&mut self.layer, LayerState::Safe) == LayerState::Zero;
         first_lift.filter(|_| is_first)
+    }
+
+    /// The material as this run uses it: without a pierce where the holes are there, and without motion in the pierce
+    /// where nothing is cut (CUT-63).
+    pub(super) fn pierced_material(&self, material: &Arc<Material>) -> Arc<Material> {
+        let rests = Material { pierces_in_motion: false, puddle_percent: 0.0, ..Material::clone(material) };
+        match self.machine.pierce_mode {
+            PierceMode::Usual => Arc::clone(material),
+            PierceMode::Only { .. } => Arc::new(rests),
+            PierceMode::Done => {
+                let pierce_height_mm = rests.cut_height_mm;
+                Arc::new(Material { pierce_delay_s: 0.0, pierce_height_mm, ..rests })
+            }
+        }
     }
 
     /// Whether the material pierces in motion: the feed begins as soon as the cutter is proven (CUT-18).
