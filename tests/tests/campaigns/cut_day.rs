@@ -75,14 +75,11 @@ fn source_faults(kind: &str) -> String {
     format!("{FAULTS},seed={seed}{}", if kind == "height" { ",warp=5" } else { "" })
 }
 
-/// The report of the day, the length in mm that was cut, and the largest resident set in MiB.
-fn day(kind: &str, contours: u32) -> (Value, f64, u64) {
-    let bench = Bench::new();
-    let [part, machine, script] = files(&bench, kind, contours);
+/// Runs the command to its end; returns what it has printed, and the largest resident set in MiB.
+fn run_to_end(bench: &Bench, arguments: &[&str]) -> (String, u64) {
     let out = bench.path("out.json");
     let mut command = Command::new(binary());
-    command.arg("run").arg(part).arg("--machine").arg(machine).arg("--operator").arg(script);
-    command.args(["--json", "--no-journal", "--source-faults", &source_faults(kind)]);
+    command.args(arguments).args(["--json", "--no-journal"]).env("XDG_STATE_HOME", bench.path("state"));
     command.stdin(Stdio::null()).stderr(Stdio::null()).stdout(File::create(&out).expect("a file"));
     let begun = Instant::now();
     let mut child = command.spawn().expect("the command runs");
@@ -94,8 +91,19 @@ fn day(kind: &str, contours: u32) -> (Value, f64, u64) {
         peak = peak.max(high.unwrap_or(0_u64) >> 10);
         std::thread::sleep(Duration::from_millis(5));
     }
-    let (report, cut_mm, counts) = figures(&std::fs::read_to_string(&out).expect("text"));
-    println!("{kind}, {contours} contours: {peak} MiB, {:.0} s, {counts:?}", begun.elapsed().as_secs_f64());
+    println!("{peak} MiB, {:.0} s", begun.elapsed().as_secs_f64());
+    (std::fs::read_to_string(&out).expect("text"), peak)
+}
+
+/// The report of the day, the length in mm that was cut, and the largest resident set in MiB.
+fn day(kind: &str, contours: u32) -> (Value, f64, u64) {
+    let bench = Bench::new();
+    let [part, machine, script] = files(&bench, kind, contours).map(|path| path.display().to_string());
+    let faults = source_faults(kind);
+    let arguments = ["run", &part, "--machine", &machine, "--operator", &script, "--source-faults", &faults];
+    let (out, peak) = run_to_end(&bench, &arguments);
+    let (report, cut_mm, counts) = figures(&out);
+    println!("{kind}, {contours} contours: {counts:?}");
     (report, cut_mm, peak)
 }
 
@@ -159,11 +167,8 @@ fn over_a_line_with_faults_a_day_is_cut_whole() {
     card.extend(["--machine", &m]);
     let served = ServedCard::with(&card);
     let [part, script] = [part, script].map(|path| path.display().to_string());
-    let arguments =
-        ["run", &part, "--card", &served.port, "--machine", &m, "--operator", &script, "--json", "--no-journal"];
-    let run = bench.retrace(arguments);
-    assert_eq!(run.code, Some(0), "{}\n{}", run.err, run.out);
-    let (report, cut_mm, counts) = figures(&run.out);
+    let (out, _) = run_to_end(&bench, &["run", &part, "--card", &served.port, "--machine", &m, "--operator", &script]);
+    let (report, cut_mm, counts) = figures(&out);
     println!("over the line, {contours} contours: {counts:?}");
     assert_whole(&report, cut_mm, contours);
     assert_eq!(report["position_counts"]["z"], 0, "{report}");
