@@ -232,13 +232,17 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     let mode = mode_text(at.mode, at.hold_reason);
     let names = channel_names(&record.job);
     let outputs: Vec<String> = at.outputs.iter().map(|&(number, value)| output_text(&names, number, value)).collect();
-    vec![
+    let mut rows = vec![
         ("breakpoint", format!("{line}; {place}, {rest}; {} instructions complete", start.executed)),
         ("counts", format!("{:?} pulses", record.last_position.counts)),
         ("mode", mode.into()),
         ("outputs", if outputs.is_empty() { "all off".into() } else { outputs.join(", ") }),
         ("as of", at.when.to_string()),
-    ]
+    ];
+    if at.layer != 0 {
+        rows.insert(2, ("layer", format!("{} pulses of the tool axis besides its path", at.layer)));
+    }
+    rows
 }
 
 fn source_text(job: &JobHeader) -> String {

@@ -107,6 +107,7 @@ impl<const A: usize> JournalRecorder<A> {
             executed: period.executed,
             at_rest: period.at_rest,
             counts: period.counts[..self.axes].to_vec(),
+            layer: period.layer,
             outputs: outputs.map(|(number, &value)| (number as u8, value)).collect(),
             line: period.line,
             mode: period.mode,

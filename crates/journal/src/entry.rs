@@ -295,6 +295,9 @@ pub struct PositionEntry {
     pub at_rest: bool,
     /// Counts of the machine's axes, in pulses.
     pub counts: Vec<i64>,
+    /// Pulses of the tool axis besides those of `counts`: the height of a cutter that senses the sheet (CUT-55).
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub layer: i32,
     /// Outputs that were not 0, channel and value, including spindle, speed, coolant and tool.
     pub outputs: Vec<(u8, i32)>,
     /// Program line of the record under the cursor.
@@ -308,6 +311,10 @@ pub struct PositionEntry {
     /// is not complete comes again, longer, from the same first record on.
     #[serde(default, skip_serializing_if = "Vec::is_empty", with = "record_ranges")]
     pub cut: Vec<[RecordIndex; 2]>,
+}
+
+const fn is_zero(layer: &i32) -> bool {
+    *layer == 0
 }
 
 impl PositionEntry {
@@ -586,6 +593,7 @@ pub(crate) mod tests {
                     executed,
                     at_rest,
                     counts,
+                    layer: if at_rest { -4 * executed.cast_signed().rem_euclid(9) } else { 0 },
                     outputs,
                     line,
                     mode,

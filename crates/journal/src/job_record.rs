@@ -478,6 +478,7 @@ mod tests {
             executed: 2,
             at_rest: true,
             counts: vec![i64::from(record), 2, 3],
+            layer: 0,
             outputs: vec![(3, 1)],
             line: record,
             mode: retrace_core::mode::Mode::Run,

@@ -88,7 +88,7 @@ pub(crate) fn title(model: &ScreenModel) -> String {
         (None, None) => "contours".into(),
     };
     let go = if model.stage == ScreenStage::Job { "back to it" } else { "begin there" };
-    format!("{count} · ↑ ↓ mark · Enter {go} · N skip it · Esc close")
+    format!("{count} · ↑ ↓ mark · Enter {go} · N skip or cut it · Esc close")
 }
 
 /// Why the page is empty.

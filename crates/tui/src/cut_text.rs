@@ -2,19 +2,34 @@
 //!
 //! Invariant: they name only keys that work where they are shown.
 
+use retrace_controller::CutterState;
+
 use crate::model::ScreenModel;
 
 /// Why the machine stands in a cut that ends in this line.
 pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
-    let lost = model.lost_cutter.map(|channel| format!("{} lost; ", model.facts.output_name(channel)));
-    format!("{}the cut ends in line {line}; k goes back and cuts on", lost.unwrap_or_default())
+    let lost = model.lost_cutter.map(|channel| format!("{} went out; ", model.facts.output_name(channel)));
+    format!("{}the cut ends in line {line}; k goes back, FIRES and cuts on", lost.unwrap_or_default())
+}
+
+/// What a cutter does that is being started.
+pub(crate) fn start_text(model: &ScreenModel) -> Option<String> {
+    model.cutter_states.iter().find_map(|(&channel, &(state, _))| {
+        let what = match state {
+            CutterState::Sensing => "sensing the sheet",
+            CutterState::Igniting => "igniting",
+            CutterState::Piercing => "piercing",
+            _ => return None,
+        };
+        Some(format!("{}: {what}", model.facts.output_name(channel)))
+    })
 }
 
 /// What a confirmation of the outputs means for an interrupted cut: a lost cutter has cut nothing up to here.
 pub(crate) const fn confirmation_text(model: &ScreenModel) -> &'static str {
     match model.lost_cutter {
-        Some(_) => "y leaves a gap in the cut; k goes back and cuts on",
-        None => "y starts the cutter here; k goes back and cuts on",
+        Some(_) => "y leaves a gap in the cut; k goes back, FIRES and cuts on",
+        None => "y starts the cutter here; k goes back, FIRES and cuts on",
     }
 }
 

@@ -145,6 +145,8 @@ const OVERRIDES: [f64; 2] = [0.0, 200.0];
 pub(crate) struct KeyState {
     /// Open dialog.
     pub open: OpenDialog,
+    /// Whether the question follows as soon as the second point on the edge of the sheet is taken.
+    pub awaits_edge: bool,
     /// Whether the operator hid the alarm's box.
     pub alarm_aside: bool,
     /// View of the drawing, once the operator has chosen one.
@@ -219,9 +221,19 @@ impl KeyState {
         }
     }
 
+    /// Opens the question that follows the second point on the edge of the sheet.
+    pub(crate) fn follow(&mut self, model: &ScreenModel) {
+        self.awaits_edge &= !model.sheet_points.is_empty();
+        if self.awaits_edge && model.sheet_points.len() > 1 && self.open == OpenDialog::Nothing {
+            self.awaits_edge = false;
+            self.open = OpenDialog::Prompt(PendingQuestion::AlignSheet, String::new(), None);
+        }
+    }
+
     /// Handles a key.
     #[must_use]
     pub(crate) fn key(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
+        self.follow(model);
         match model.alarm {
             None => self.alarm_aside = false,
             // An alarm closes any open dialog.
@@ -323,7 +335,10 @@ impl KeyState {
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
             KeyAction::Frame => return Some(UiCommand::Frame),
-            KeyAction::SheetEdge if model.sheet_points.len() < 2 => return Some(UiCommand::SheetPoint),
+            KeyAction::SheetEdge if model.sheet_points.len() < 2 => {
+                self.awaits_edge = model.sheet_points.len() == 1;
+                return Some(UiCommand::SheetPoint);
+            }
             KeyAction::DryRun => {
                 return Some(UiCommand::DryRun(!model.dry_run));
             }

@@ -354,7 +354,7 @@ pub(crate) const TABLE: &[Row] = &[
         SETUP | MOVING | PAUSED, KeyAction::TestPulse),
     row(&[Key::Char('V')], "V", "sense test", "sense the sheet, with the cutter off, after a question",
         SETUP | MOVING, KeyAction::SenseTest),
-    row(&[Key::Char('W')], "W", "new parts", "new consumables: count their wear from 0, after a question",
+    row(&[Key::Char('W')], "W", "wear", "wear of the consumables; new ones are counted from 0",
         SETUP | JOB, KeyAction::ConsumablesChanged),
     row(&[Key::Char('N')], "N", "skip", "skip the rest of the contour: pass it with the cutter off",
         RUN | RETRACE | WHEEL, KeyAction::SkipContour),
@@ -405,7 +405,7 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('e')], "e", "fit", "fit the drawing to the table; again: to the program", EVER, KeyAction::Fit),
     row(&[Key::Char('g')], "g", "log", "all messages", EVER, KeyAction::Messages),
     row(&[Key::Char('?')], "?", "keys", "all keys", EVER, KeyAction::Help),
-    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, after a question; quit", EVER, KeyAction::Quit),
+    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, after a question; without a job, quit", EVER, KeyAction::Quit),
 ];
 
 /// Row of a key in a situation, if the key has a function there.

@@ -201,6 +201,12 @@ pub struct ScreenModel {
     pub feed_mm_min: f64,
     /// The spindle as the card measures it.
     pub spindle: SpindleStatus,
+    /// What the machine does while it is moved manually; empty where nothing was named.
+    pub manual_task: &'static str,
+    /// Result of the last manual task, until the next one; empty where it has none.
+    pub manual_result: String,
+    /// Wear of the consumables of each cutter, a line for each.
+    pub consumables: Vec<String>,
     /// Points on the edge of the sheet, in mm of the machine's X and Y: none, one, or two that are an edge.
     pub sheet_points: Vec<[f64; 2]>,
     /// Whether the axes follow the spindle while it is turned by hand.
@@ -328,6 +334,9 @@ impl ScreenModel {
             rate: 0.0,
             feed_mm_min: 0.0,
             spindle: SpindleStatus::default(),
+            manual_task: "",
+            manual_result: String::new(),
+            consumables: Vec::new(),
             sheet_points: Vec::new(),
             follows_spindle: false,
             override_rate: 1.0,

@@ -210,6 +210,9 @@ impl<const A: usize> Observer<A> for ModelObserver {
                     model.moved_mm.fill(0.0);
                     self.modes = ModeHistory { tool: self.modes.tool, ..ModeHistory::from(event.place.record, &model) };
                 }
+                if let (EventKind::SenseTest { axis, outcome }, ScreenStage::Setup) = (&event.kind, &model.stage) {
+                    model.manual_result = outcome.text(*axis);
+                }
                 if let EventKind::Dnc(DncEvent { step: DncStep::ToolLength { axis, by_mm, .. }, .. }) = event.kind
                     && let Some(axis) = model.facts.axes.iter().position(|facts| facts.letter == axis)
                 {

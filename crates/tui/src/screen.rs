@@ -91,6 +91,7 @@ impl Screen {
                 let started = Instant::now();
                 let picture = lock_model(model).clone();
                 let now_ms = begun.elapsed().as_millis() as u64;
+                self.key_state.follow(&picture);
                 // A terminal that knows synchronized output shows a redraw whole; others ignore the two sequences.
                 queue!(io::stdout(), BeginSynchronizedUpdate)?;
                 terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &self.key_state, self.theme, now_ms))?;

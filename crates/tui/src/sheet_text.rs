@@ -6,6 +6,17 @@ use retrace_controller::SheetEdge;
 
 use crate::model::ScreenModel;
 
+/// The same at the screen, with the key.
+pub(crate) fn with_keys(model: &ScreenModel) -> String {
+    match model.sheet_points[..] {
+        [first] => {
+            format!("first point {}; jog along the edge, E takes the second one (E here: forget it)", place(first))
+        }
+        [_, _, ..] => format!("E sets {}", of(model)),
+        [] => of(model),
+    }
+}
+
 /// The points that are taken, and what comes next.
 #[must_use]
 pub fn of(model: &ScreenModel) -> String {
@@ -17,7 +28,7 @@ pub fn of(model: &ScreenModel) -> String {
         ),
         [first, second, ..] => match SheetEdge::through(first, second) {
             Ok(edge) => format!(
-                "{:.1} mm of the edge along {}: zero at {}, turned by {:+.3}°",
+                "{:.1} mm of the edge along {}: zero at {}, turned by {:+.3}°; NOT SET YET",
                 edge.length_mm,
                 if edge.is_along_y { "Y" } else { "X" },
                 place(first),

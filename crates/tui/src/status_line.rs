@@ -6,7 +6,7 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
-use crate::cut_text::{confirmation_text, contours_text, interrupted_text};
+use crate::cut_text::{confirmation_text, contours_text, interrupted_text, start_text};
 use crate::event_text::tool_change_text;
 use crate::geared_status;
 use crate::keys::KeyAction;
@@ -58,7 +58,8 @@ pub(crate) fn of(model: &ScreenModel) -> StatusHint {
 
 fn setup(model: &ScreenModel) -> StatusHint {
     if !model.at_rest {
-        return hint(HintLevel::Normal, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
+        let what = if model.manual_task.is_empty() { "manual motion" } else { model.manual_task };
+        return hint(HintLevel::Normal, "MOVING", format!("{what}; Space stops it"), &[KeyAction::Hold]);
     }
     let rest = [
         KeyAction::Jog,
@@ -72,14 +73,18 @@ fn setup(model: &ScreenModel) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
+    let of_cutter = [KeyAction::SheetEdge, KeyAction::Frame, KeyAction::Contours];
     let mut actions = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
     actions.extend(rest);
+    if model.homed && !model.facts.cutters.is_empty() {
+        actions.splice(5..5, of_cutter);
+    }
     if !model.homed {
         return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &actions);
     }
     if !model.sheet_points.is_empty() {
         let actions = [KeyAction::SheetEdge, KeyAction::Jog, KeyAction::Step, KeyAction::Output, KeyAction::Quit];
-        return hint(HintLevel::Waiting, "SHEET EDGE", sheet_text::of(model), &actions);
+        return hint(HintLevel::Waiting, "SHEET EDGE", sheet_text::with_keys(model), &actions);
     }
     let name = &model.facts.program.name;
     match &model.facts.check {
@@ -108,6 +113,7 @@ fn setup(model: &ScreenModel) -> StatusHint {
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),
     };
+    let why = if model.manual_result.is_empty() { why } else { format!("{}; {why}", model.manual_result) };
     hint(HintLevel::Waiting, "READY", why, &actions)
 }
 
@@ -190,7 +196,11 @@ fn normal(model: &ScreenModel) -> StatusHint {
             hint(HintLevel::Waiting, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
         }
         HoldReason::None => match model.switching.or(model.restarting) {
-            Some(code) => hint(HintLevel::Normal, "RUNNING", format!("waiting for {code} to complete"), &running),
+            Some(code) => {
+                let start = start_text(model);
+                let why = start.unwrap_or_else(|| format!("waiting for {code} to complete"));
+                hint(HintLevel::Normal, "RUNNING", why, &running)
+            }
             None => match model.stalled_source() {
                 Some((source, seconds)) if model.at_rest => {
                     let why = format!("waiting for {source}, {seconds:.0} s so far");
@@ -283,7 +293,9 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         ),
         Mode::Rejoin | Mode::AwaitOutputs => {
             let actions = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
-            let why = model.restarting.map(|code| format!("waiting for {code} to complete"));
+            let why = model
+                .restarting
+                .map(|code| start_text(model).unwrap_or_else(|| format!("waiting for {code} to complete")));
             hint(HintLevel::Waiting, "RETURNING", why.unwrap_or_else(|| format!("at rest; {back}")), &actions)
         }
         Mode::Reverse if model.at_cutter_boundary => {

@@ -323,7 +323,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     });
     set(Mode::Run, HoldReason::Hold, true);
     says("CUT INTERRUPTED");
-    says(" torch lost; the cut ends in line 13; k goes back and cuts on — k recover");
+    says(" torch went out; the cut ends in line 13; k goes back, FIRES and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));
     says("operator: recover the cut");
     set(Mode::Reverse, HoldReason::None, false);
@@ -347,7 +347,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
         latest: RecordIndex::default(),
     });
     set(Mode::Run, HoldReason::Hold, true);
-    says(" the cut ends in line 14; k goes back and cuts on");
+    says(" the cut ends in line 14; k goes back, FIRES and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));
     event(EventKind::Operator(OperatorCommand::Reverse(Rate::ONE)));
     set(Mode::Reverse, HoldReason::None, false);
@@ -357,10 +357,10 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     says(" 0.0 mm back; the cut ends in line 14, K cuts on from here — K cut here");
     set(Mode::AwaitOutputs, HoldReason::None, true);
     event(EventKind::OutputsDiffer(DifferingOutputs::first(&mut [DifferingOutput::new(64, 0, 1)].into_iter())));
-    says(" y starts the cutter here; k goes back and cuts on — k recover · y confirm");
+    says(" y starts the cutter here; k goes back, FIRES and cuts on — k recover");
     says("k: recover the interrupted cut: go back and cut on");
     lock_model(&model).lost_cutter = Some(64);
-    says(" y leaves a gap in the cut; k goes back and cuts on — k recover");
+    says(" y leaves a gap in the cut; k goes back, FIRES and cuts on — k recover");
     event(EventKind::OutputsRestored);
     set(Mode::Run, HoldReason::Ended, true);
     says("program completed; reverse run");

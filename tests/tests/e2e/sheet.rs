@@ -95,7 +95,7 @@ fn the_pointer_takes_points_along_y() {
     move_to(&mut page, "mdi G0 Y100", [40.0, 116.0]);
 }
 
-/// The same at the screen, by its own words: E, jog, E, E, y.
+/// The same at the screen, by its own words: E, jog, E, y. Nothing is started or traced in between.
 #[test]
 fn the_screen_leads_through_it() {
     let bench = Bench::new();
@@ -107,17 +107,23 @@ fn the_screen_leads_through_it() {
     terminal.wait_for_text("READY");
     terminal.keys("E");
     terminal.wait_for_text("first point at X0.000 Y0.000");
-    let text = terminal.wait_for_text("jog along the edge, then take the second one");
+    let text = terminal.wait_for_text("jog along the edge, E takes the second one (E here: forget it)");
     assert!(text.contains("SHEET EDGE") && text.contains("E sheet"), "{text}");
+    for key in ["c", "F"] {
+        terminal.keys(key);
+        terminal.wait_for_text("points on the edge of the sheet are taken and not set");
+        assert!(terminal.text().contains("SHEET EDGE"), "{}", terminal.text());
+        std::thread::sleep(std::time::Duration::from_millis(4500));
+    }
     terminal.keys("mG53 G0 X80 Y-2\r");
     terminal.wait_for_text("80.000");
     std::thread::sleep(std::time::Duration::from_millis(1500));
     terminal.keys("E");
     terminal.wait_for_text("80.0 mm of the edge along X: zero at X0.000 Y0.000 of the machine, turned by -1.432°");
-    terminal.keys("E");
     terminal.wait_for_text("y set zero and direction");
     terminal.keys("y");
     terminal.wait_for_text("READY");
+    terminal.wait_for_text("set by 80.0 mm of the edge");
     // The tool is 80 mm along X of the turned work coordinates.
     terminal.wait_for_text("80.025");
     terminal.keys("q");

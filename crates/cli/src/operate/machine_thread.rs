@@ -137,6 +137,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         self.publish_outputs();
         self.publish_homing();
         self.show_tables();
+        self.show_consumables();
         if let Some(notice) = self.args.page.session.take_notice() {
             self.add_message(notice);
         }
@@ -294,6 +295,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let Some(commands) = self.router.begin_job(self.start) else { return self.add_message("held before it began") };
+        self.show_task(task);
         let command_sources = script.with_operator(commands);
         let run_mode = RunMode { wall_time: true, operator: true, real_time: false };
         let mut shown = ManualObserver(self.observer.clone());
@@ -318,7 +320,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 self.add_message("alarm cleared")
             }
             Ok(ManualTaskDone::Completed { cut_short: true }) => self.add_message("stopped at the soft limit"),
-            Ok(ManualTaskDone::Completed { .. }) => {}
+            Ok(ManualTaskDone::Completed { .. }) => self.report_done(task),
             Ok(ManualTaskDone::Stopped) => self.add_message("stopped"),
             Err(ManualTaskError::Numbered(refusal)) => self.reject(refusal),
             Err(ManualTaskError::Block(lines)) => {
@@ -466,6 +468,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         match done {
             Ok(code) => {
                 self.apply_result(code, result);
+                self.show_consumables();
             }
             Err(failure) => {
                 let why = failure.to_string();
@@ -533,21 +536,6 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         self.while_idle(move || job.keep(&status))
     }
 
-    /// Reason why no job can start now.
-    fn cannot_begin(&self) -> Option<&'static str> {
-        if self.failed {
-            Some("the card no longer responds: quit and start again")
-        } else if self.card.status().alarm.is_some() {
-            Some("clear the alarm first (a)")
-        } else if self.exit.ran && self.args.reading.program.as_os_str() == "-" {
-            Some("the program came from standard input and cannot run again")
-        } else if !self.program.is_loaded() {
-            Some("no program is loaded: O opens one")
-        } else {
-            None
-        }
-    }
-
     /// Opens the program and checks it while control periods continue.
     fn open_checked_program(&mut self, machine: &MachineConfig) -> Result<Program, String> {
         let (program, setup) = (&self.program, self.mdi_context.setup_of_program(machine));
@@ -558,18 +546,6 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             preview_thread::update_facts::<A>(&model, machine, &program);
             Ok(program)
         })
-    }
-
-    /// Switches every cutter off while no job runs.
-    fn cutters_off(&mut self) {
-        let outputs = self.card.status().outputs;
-        let channels = self.machine.cutters.iter().map(|cutter| cutter.fire);
-        let lit: Vec<u8> =
-            channels.filter(|&channel| outputs.get(usize::from(channel)).is_some_and(|&on| on != 0)).collect();
-        self.start = NOT_CANCELLABLE;
-        for channel in lit {
-            self.perform_task(&ManualTask::Output(channel, 0));
-        }
     }
 
     /// Shows why a program is refused, one line per finding.

@@ -12,7 +12,7 @@ use super::listing::message_text;
 use super::{Theme, contours, fold, pane, put_at, truncate};
 use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{KeyAction, Situation, TABLE, row_for};
-use crate::model::{Pause, ScreenModel};
+use crate::model::{Pause, ScreenModel, ScreenStage};
 use crate::pending_question::PendingQuestion;
 use crate::program_facts::ToolFacts;
 use crate::sheet_text;
@@ -202,11 +202,18 @@ fn prompt(
             "The tool goes DOWN to the sheet here, with the cutter off, and back up. Space stops it.",
             "y sense · any other key: cancel",
         ),
-        PendingQuestion::ConsumablesChanged => (
-            "new consumables?",
-            "Starts, time and length are counted from 0 again.",
-            "y they are new · any other key: cancel",
-        ),
+        PendingQuestion::ConsumablesChanged => {
+            let mut lines = model.consumables.clone();
+            if lines.is_empty() {
+                lines.push("Nothing was counted yet.".into());
+            }
+            if model.stage == ScreenStage::Job {
+                lines.push("The running job is counted at its end.".into());
+            }
+            lines.push("y: they are NEW, count from 0 · any other key: close".into());
+            draw_box(out, "wear of the consumables", &lines, theme);
+            return;
+        }
         PendingQuestion::Stop => {
             ("stop the job?", "The job stops here; the breakpoint is saved.", "y stop · any other key: cancel")
         }

@@ -12,6 +12,7 @@ use retrace_link::{MotionCard, Outputs};
 use retrace_tui::{ScreenModel, lock_model, sheet_text};
 
 use super::MachineThread;
+use crate::consumables::set_text;
 use crate::machine_tables::TableFiles;
 
 impl<const A: usize> MachineThread<'_, '_, A> {
@@ -30,6 +31,8 @@ impl<const A: usize> MachineThread<'_, '_, A> {
     pub(super) fn align_sheet(&mut self) {
         match taken_edge(&self.router.model) {
             Ok(edge) => {
+                let zero = sheet_text(&lock_model(&self.router.model)).replace("; NOT SET YET", "");
+                self.add_message(format!("set by {zero}"));
                 self.forget_sheet();
                 self.perform_task(&ManualTask::Mdi(edge.block(&self.mdi_context.active())));
             }
@@ -71,9 +74,69 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         };
         let file = ConsumableFile::at(&path);
         match self.while_idle(move || file.begin(&names)) {
-            Ok(_) => self.add_message("the consumables are new: their wear is counted from here on"),
+            Ok(_) => {
+                self.show_consumables();
+                self.add_message("the consumables are new: their wear is counted from here on");
+            }
             Err(refusal) => self.reject(refusal),
         }
+    }
+
+    /// Reason why no job can start now.
+    pub(super) fn cannot_begin(&self) -> Option<&'static str> {
+        if self.failed {
+            Some("the card no longer responds: quit and start again")
+        } else if self.card.status().alarm.is_some() {
+            Some("clear the alarm first (a)")
+        } else if self.exit.ran && self.args.reading.program.as_os_str() == "-" {
+            Some("the program came from standard input and cannot run again")
+        } else if !lock_model(&self.router.model).sheet_points.is_empty() {
+            Some("points on the edge of the sheet are taken and not set: set them, or forget them")
+        } else if !self.program.is_loaded() {
+            Some("no program is loaded: O opens one")
+        } else {
+            None
+        }
+    }
+
+    /// Switches every cutter off while no job runs.
+    pub(super) fn cutters_off(&mut self) {
+        let outputs = self.card.status().outputs;
+        let channels = self.machine.cutters.iter().map(|cutter| cutter.fire);
+        let lit: Vec<u8> =
+            channels.filter(|&channel| outputs.get(usize::from(channel)).is_some_and(|&on| on != 0)).collect();
+        self.start = super::NOT_CANCELLABLE;
+        for channel in lit {
+            self.perform_task(&ManualTask::Output(channel, 0));
+        }
+    }
+
+    /// Names what a task does, for the operator.
+    pub(super) fn show_task(&self, task: &ManualTask) {
+        let mut model = lock_model(&self.router.model);
+        model.manual_task = match task {
+            ManualTask::Frame(_) => "tracing the frame, cutters off",
+            ManualTask::SenseTest => "sensing the sheet, cutter off",
+            ManualTask::Home(_) => "homing",
+            ManualTask::TestPulse => "test pulse: the cutter is ON",
+            _ => "",
+        };
+        model.manual_result.clear();
+    }
+
+    /// Reports that a task is complete, where nothing else shows it.
+    pub(super) fn report_done(&mut self, task: &ManualTask) {
+        if let ManualTask::Frame(_) = task {
+            lock_model(&self.router.model).manual_result = "the frame was traced".into();
+            self.add_message("the frame was traced");
+        }
+    }
+
+    /// Shows the wear of the consumables.
+    pub(super) fn show_consumables(&self) {
+        let Some(path) = TableFiles::of(&self.args.reading).consumables else { return };
+        let lines = ConsumableFile::at(&path).read().iter().map(set_text).collect();
+        lock_model(&self.router.model).consumables = lines;
     }
 
     /// Forgets the points on the edge of the sheet.
