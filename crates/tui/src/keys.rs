@@ -405,7 +405,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('e')], "e", "fit", "fit the drawing to the table; again: to the program", EVER, KeyAction::Fit),
     row(&[Key::Char('g')], "g", "log", "all messages", EVER, KeyAction::Messages),
     row(&[Key::Char('?')], "?", "keys", "all keys", EVER, KeyAction::Help),
-    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, after a question; without a job, quit", EVER, KeyAction::Quit),
+    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, after a question; without a job: quit", EVER,
+        KeyAction::Quit),
 ];
 
 /// Row of a key in a situation, if the key has a function there.
