@@ -4,7 +4,7 @@
 
 use retrace_config::{CutterKind, MachineConfig, NumberedError};
 use retrace_controller::{
-    CheckFinding, FrameRectangle, LimitCheck, ProgramAnalysis, ThreadRuns, analyse_program, check_program,
+    CheckFinding, CutFrame, FrameShape, LimitCheck, ProgramAnalysis, ThreadRuns, analyse_program, check_program,
 };
 use retrace_motion::LimitError;
 use serde_json::Value;
@@ -117,7 +117,7 @@ impl Program {
     ///
     /// # Errors
     /// `E2161` where it has none, or leaves the soft limits, and where the program has errors.
-    pub fn frame(&self, machine: &MachineConfig) -> Result<FrameRectangle, NumberedError> {
+    pub fn frame(&self, machine: &MachineConfig, shape: FrameShape) -> Result<CutFrame, NumberedError> {
         let refuse = |what: String, remedy: &str| NumberedError::new("E2161", what, remedy.to_owned());
         if self.prescan().is_none() {
             let what = "what standard input cuts is not known before it runs: it has no frame".to_owned();
@@ -126,7 +126,7 @@ impl Program {
         let mut decoder = self.decoder();
         let (_, findings, found) = check_program::<9>(machine, &mut decoder);
         // The side at which it is too large comes before the lines that are.
-        let frame = FrameRectangle::of_contours(machine, &found.contours)?;
+        let frame = CutFrame::of_contours(machine, &found.contours, shape)?;
         let findings = diagnostic_json::all(self, &mut decoder, &findings);
         match findings.iter().find(|one| one.is_error) {
             Some(error) => Err(refuse(format!("the program has errors: {}", error.text), "correct the program")),

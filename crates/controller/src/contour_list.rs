@@ -6,7 +6,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use retrace_config::MachineConfig;
 use retrace_gcode::{Material, ProgramLocation};
+
+use crate::cut_outline::CutOutline;
 
 /// Maximum number of contours that are listed.
 const MAX_CONTOURS: usize = 100_000;
@@ -65,6 +68,10 @@ pub struct ContourList<const A: usize> {
     /// Least and greatest machine coordinate of each axis in what is cut, places where a cutter is lit included, mm;
     /// NaN where one depends on answers of the machine.
     pub extents_mm: Option<[[f64; 2]; A]>,
+    /// Convex hull of the same places in X and Y.
+    pub outline: CutOutline,
+    /// Indices of X and Y.
+    plane: Option<[usize; 2]>,
     /// Each material with its figures, in the order of their first use.
     pub materials: Vec<MaterialSummary>,
     /// Channels that are on, each with the index of its contour.
@@ -85,6 +92,8 @@ impl<const A: usize> Default for ContourList<A> {
             count: 0,
             starts: BTreeMap::new(),
             extents_mm: None,
+            outline: CutOutline::default(),
+            plane: None,
             materials: Vec::new(),
             open: Vec::new(),
             in_force: None,
@@ -96,6 +105,12 @@ impl<const A: usize> Default for ContourList<A> {
 }
 
 impl<const A: usize> ContourList<A> {
+    /// With the outline of what is cut on this machine.
+    pub(crate) fn on_machine(mut self, machine: &MachineConfig) -> Self {
+        self.plane = machine.axis_of('x').zip(machine.axis_of('y')).map(<[usize; 2]>::from);
+        self
+    }
+
     /// An empty list, which lists at most this number of contours.
     pub(crate) fn limited_to(max_contours: usize) -> Self {
         Self { max_contours, ..Self::default() }
@@ -232,6 +247,18 @@ impl<const A: usize> ContourList<A> {
         for (range, &mm) in self.extents_mm.get_or_insert_with(|| point.map(|mm| [mm; 2])).iter_mut().zip(point) {
             let is_known = !(mm.is_nan() || range[0].is_nan());
             *range = if is_known { [range[0].min(mm), range[1].max(mm)] } else { [f64::NAN; 2] };
+        }
+        if let Some([x, y]) = self.plane {
+            self.outline.add([point[x], point[y]]);
+        }
+    }
+
+    /// What is cut reaches along an arc from this point; where no cutter is on, nothing is cut.
+    pub(crate) fn reach_arc(&mut self, from: &[f64; A], arc: &retrace_motion::Arc<A>) {
+        let [p, q] = arc.plane;
+        if self.is_cutting() && self.plane == Some([p, q]) {
+            let radius = (from[p] - arc.centre_mm[0]).hypot(from[q] - arc.centre_mm[1]);
+            self.outline.add_arc(arc.centre_mm, radius, arc.sweep(from));
         }
     }
 

@@ -58,7 +58,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             last_mm: None,
             on: BTreeMap::new(),
             undeclared: BTreeMap::new(),
-            contours: ContourList::default(),
+            contours: ContourList::default().on_machine(machine),
             threads: ThreadRuns::default(),
             thread_check: ThreadCheck::default(),
         }
@@ -67,7 +67,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
     /// Lists at most this number of contours.
     #[must_use]
     pub(crate) fn with_contours(mut self, max_contours: usize) -> Self {
-        self.contours = ContourList::limited_to(max_contours);
+        self.contours = ContourList::limited_to(max_contours).on_machine(self.machine);
         self
     }
 
@@ -216,6 +216,7 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
         self.record_feed_move();
         self.moves += 1;
         self.record_length(feed, self.arc_mm(arc), arc.end_mm);
+        self.contours.reach_arc(&self.at, arc);
         for point in extremes(&self.at, arc) {
             self.visit(&point, line);
             self.contours.reach(&point);

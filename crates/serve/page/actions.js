@@ -37,6 +37,7 @@ const ORDERS = {
   'clear-alarm': 'reset',
   home: 'home',
   frame: 'frame',
+  outline: 'frame outline',
 };
 
 /** Actions of the page: they move nothing, and watchers have them too. */

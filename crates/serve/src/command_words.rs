@@ -4,7 +4,7 @@
 //! have been meant.
 
 use retrace_config::NumberedError;
-use retrace_controller::{ManualTask, OperatorCommand, parse_operator_command};
+use retrace_controller::{FrameShape, ManualTask, OperatorCommand, parse_operator_command};
 use retrace_tui::{ScreenModel, ScreenStage, UiCommand};
 
 /// What an order does.
@@ -51,7 +51,8 @@ pub(crate) fn parse(words: &str, model: &ScreenModel) -> Result<Order, NumberedE
             .and_then(task),
         ("zero", "" | "all") => task(ManualTask::WorkZero(None)),
         ("zero", letter) => task(ManualTask::WorkZero(Some(axis(letter, model)?))),
-        ("frame", "") => command(UiCommand::Frame),
+        ("frame", "") => command(UiCommand::Frame(FrameShape::Rectangle)),
+        ("frame", "outline") => command(UiCommand::Frame(FrameShape::Outline)),
         ("sheet", "point") => command(UiCommand::SheetPoint),
         ("sheet", "align") => command(UiCommand::AlignSheet),
         ("sheet", "forget") => command(UiCommand::ForgetSheet),
@@ -157,7 +158,7 @@ mod tests {
         assert_eq!(probe, command(UiCommand::Task(ManualTask::Mdi(block.into()))));
         assert_eq!(parsed("zero", &setup), command(UiCommand::Task(ManualTask::WorkZero(None))));
         assert_eq!(parsed("home Z", &setup), command(UiCommand::Task(ManualTask::Home(Some('z')))));
-        assert_eq!(parsed("frame", &setup), command(UiCommand::Frame));
+        assert_eq!(parsed("frame", &setup), command(UiCommand::Frame(FrameShape::Rectangle)));
         assert_eq!(parsed("sheet point", &setup), command(UiCommand::SheetPoint));
         assert_eq!(parsed("sheet align", &setup), command(UiCommand::AlignSheet));
         assert_eq!(parsed("start line 120", &setup), command(UiCommand::StartLine(120)));

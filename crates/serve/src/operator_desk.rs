@@ -251,7 +251,7 @@ impl OperatorDesk {
                 refuse("no alarm is active", "nothing needs to be done")
             }
             UiCommand::Task(_)
-            | UiCommand::Frame
+            | UiCommand::Frame(_)
             | UiCommand::SheetPoint
             | UiCommand::AlignSheet
             | UiCommand::ForgetSheet

@@ -154,7 +154,7 @@ impl FakeMachine {
             | UiCommand::CutterOff
             | UiCommand::OptionalStop(_)
             | UiCommand::SetUp
-            | UiCommand::Frame
+            | UiCommand::Frame(_)
             | UiCommand::SheetPoint
             | UiCommand::AlignSheet
             | UiCommand::ForgetSheet

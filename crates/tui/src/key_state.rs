@@ -3,7 +3,7 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
-use retrace_controller::{CutStart, HeightCommand, ManualTask, OperatorCommand};
+use retrace_controller::{CutStart, FrameShape, HeightCommand, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
@@ -334,7 +334,8 @@ impl KeyState {
             }
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
-            KeyAction::Frame => return Some(UiCommand::Frame),
+            KeyAction::Frame => return Some(UiCommand::Frame(FrameShape::Rectangle)),
+            KeyAction::Outline => return Some(UiCommand::Frame(FrameShape::Outline)),
             KeyAction::SheetEdge if model.sheet_points.len() < 2 => {
                 self.awaits_edge = model.sheet_points.len() == 1;
                 return Some(UiCommand::SheetPoint);

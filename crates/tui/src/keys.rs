@@ -113,6 +113,8 @@ pub(crate) enum KeyAction {
     ConsumablesChanged,
     /// Traces the rectangle around what the program cuts.
     Frame,
+    /// Traces the outline of what the program cuts.
+    Outline,
     /// Takes a point on the edge of the sheet; behind the second one, sets the work coordinates by them.
     SheetEdge,
     /// Restores the outputs, the cutter last, and resumes.
@@ -391,6 +393,8 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::SheetEdge),
     row(&[Key::Char('F')], "F", "frame", "trace the frame of what is cut, with the pointer", SETUP,
         KeyAction::Frame),
+    row(&[Key::Char('U')], "U", "outline", "trace the outline of what is cut, with the pointer", SETUP,
+        KeyAction::Outline),
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
     row(&[Key::Char('C')], "C", "contours", "the contours: what is cut of each; Enter goes there", EVER,
         KeyAction::Contours),

@@ -538,7 +538,7 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
 #[test]
 fn a_frame_is_traced_by_a_key_in_setup() {
     let mut bench = ScreenFixture::new();
-    assert_eq!(bench.key(Key::Char('F')), Some(UiCommand::Frame));
+    assert_eq!(bench.key(Key::Char('F')), Some(UiCommand::Frame(retrace_controller::FrameShape::Rectangle)));
 }
 
 #[test]

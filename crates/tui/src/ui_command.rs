@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use retrace_controller::{ManualTask, OperatorCommand};
+use retrace_controller::{FrameShape, ManualTask, OperatorCommand};
 
 use crate::work_tables::TableChange;
 
@@ -38,8 +38,8 @@ pub enum UiCommand {
     SetUp,
     /// Load another program from this file.
     Load(PathBuf),
-    /// Trace the rectangle around what the program cuts, with the pointer.
-    Frame,
+    /// Trace a frame around what the program cuts, with the pointer.
+    Frame(FrameShape),
     /// Take the place of the tool, or of the pointer while it is on, as a point on the edge of the sheet.
     SheetPoint,
     /// Set origin and direction of the work coordinates by the edge of the sheet.

@@ -100,7 +100,7 @@ impl CommandRouter {
                 let is_busy = route.job.is_some() || route.sent != route.done;
                 if matches!(
                     command,
-                    UiCommand::Task(_) | UiCommand::Frame | UiCommand::AlignSheet | UiCommand::SetTables(_)
+                    UiCommand::Task(_) | UiCommand::Frame(_) | UiCommand::AlignSheet | UiCommand::SetTables(_)
                 ) && is_busy
                 {
                     return false;
@@ -152,7 +152,7 @@ pub(super) const fn is_start(command: &UiCommand) -> bool {
             | UiCommand::StartLine(_)
             | UiCommand::ResumeJob(_)
             | UiCommand::Task(_)
-            | UiCommand::Frame
+            | UiCommand::Frame(_)
             | UiCommand::AlignSheet
             | UiCommand::SetTables(_)
     )

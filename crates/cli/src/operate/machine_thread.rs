@@ -162,7 +162,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::ConsumablesChanged) => self.renew_consumables(),
                 Ok(UiCommand::SetUp) => self.set_up(),
                 Ok(UiCommand::Task(task)) => self.perform_task(&task),
-                Ok(UiCommand::Frame) => self.trace_frame(),
+                Ok(UiCommand::Frame(shape)) => self.trace_frame(shape),
                 Ok(UiCommand::SheetPoint) => self.take_sheet_point(),
                 Ok(UiCommand::AlignSheet) => self.align_sheet(),
                 Ok(UiCommand::ForgetSheet) => self.forget_sheet(),

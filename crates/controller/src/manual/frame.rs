@@ -1,4 +1,5 @@
-//! *Frame*: the rectangle around what a program cuts, which the pointer traces before anything is cut (CUT-59).
+//! *Frame*: the rectangle around what a program cuts, or its outline, which the pointer traces before anything is cut
+//! (CUT-59).
 //!
 //! Invariant: no corner is beyond a soft limit, and no cutter is on when the machine begins to trace.
 
@@ -6,14 +7,24 @@ use retrace_config::{CutterKind, MachineConfig, NumberedError};
 
 use crate::contour_list::ContourList;
 
-/// Rectangle around what a program cuts, in machine coordinates of X and Y.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameRectangle {
-    /// Least position in X and in Y, mm.
-    low_mm: [f64; 2],
-    /// Greatest position in X and in Y, mm.
-    high_mm: [f64; 2],
+/// What is traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameShape {
+    /// The rectangle along the axes of the machine.
+    Rectangle,
+    /// The convex hull.
+    Outline,
 }
+
+/// Polygon around what a program cuts, in machine coordinates of X and Y.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CutFrame {
+    /// Its corners in the order in which they are traced, mm.
+    corners_mm: Vec<[f64; 2]>,
+}
+
+/// Distance in mm within which the outline is traced.
+const OUTLINE_TOLERANCE_MM: f64 = 0.2;
 
 fn refuse(what: impl Into<String>, remedy: &str) -> NumberedError {
     NumberedError::new("E2161", what.into(), remedy.to_owned())
@@ -25,36 +36,41 @@ fn plane(machine: &MachineConfig) -> Result<[usize; 2], NumberedError> {
     Ok([machine.axis_of('x').ok_or_else(missing)?, machine.axis_of('y').ok_or_else(missing)?])
 }
 
-impl FrameRectangle {
-    /// Rectangle around the contours of a program: places where a cutter is lit, lead-ins and cuts.
+impl CutFrame {
+    /// Frame around the contours of a program: places where a cutter is lit, lead-ins and cuts.
     ///
     /// # Errors
-    /// `E2161` where the program cuts nothing, or a place depends on answers of the machine, and where the rectangle
-    /// leaves the soft limits.
+    /// `E2161` where the program cuts nothing, or a place depends on answers of the machine, and where the frame leaves
+    /// the soft limits.
     pub fn of_contours<const A: usize>(
         machine: &MachineConfig,
         contours: &ContourList<A>,
+        shape: FrameShape,
     ) -> Result<Self, NumberedError> {
         let axes = plane(machine)?;
         let Some(extents) = contours.extents_mm else {
             return Err(refuse("the program lights no cutter: it has no frame", "a program with a contour"));
         };
         let [x, y] = axes.map(|axis| extents[axis]);
-        if x[0].is_nan() || y[0].is_nan() {
+        let outline = contours.outline.vertices(OUTLINE_TOLERANCE_MM);
+        let Some(outline) = outline.filter(|_| !x[0].is_nan() && !y[0].is_nan()) else {
             let what = "what the program cuts depends on measurements: its frame is not known";
             return Err(refuse(what, "cut it without a frame"));
-        }
-        let frame = Self { low_mm: [x[0], y[0]], high_mm: [x[1], y[1]] };
-        for (axis, index) in axes.into_iter().zip(0..) {
-            for mm in [frame.low_mm[index], frame.high_mm[index]] {
+        };
+        for (axis, range) in axes.into_iter().zip([x, y]) {
+            for mm in range {
                 check_limit(machine, axis, machine.counts_of(axis, mm), "the program would cut at")?;
             }
         }
-        Ok(frame)
+        let corners_mm = match shape {
+            FrameShape::Rectangle => vec![[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]],
+            FrameShape::Outline => outline,
+        };
+        Ok(Self { corners_mm })
     }
 
-    /// Positions at which the pointer shows the corners, in the order in which they are traced, from the one with the
-    /// least coordinates back to it. The tool axis is at a safe height. The machine is at `from`.
+    /// Positions at which the pointer shows the corners, in the order in which they are traced, from the first one back to
+    /// it. The tool axis is at a safe height. The machine is at `from`.
     ///
     /// # Errors
     /// `E2161` where the machine would leave its soft limits.
@@ -62,7 +78,7 @@ impl FrameRectangle {
         &self,
         machine: &MachineConfig,
         from: [i64; A],
-    ) -> Result<[[i64; A]; 5], NumberedError> {
+    ) -> Result<Vec<[i64; A]>, NumberedError> {
         let axes = plane(machine)?;
         let mut start = from;
         if let Some(tool) = machine.tool_axis().filter(|&tool| tool < A) {
@@ -72,12 +88,11 @@ impl FrameRectangle {
                 safe_mm.map_or(from[tool], |mm| machine.counts_of(tool, mm.min(machine.axes[tool].travel_mm[1])));
             start[tool] = safe.max(from[tool]);
         }
-        let ends = [self.low_mm, self.high_mm];
-        let turns = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]];
-        let corners = turns.map(|turn: [usize; 2]| {
+        let closed = self.corners_mm.iter().chain(self.corners_mm.first());
+        let corners = closed.map(|corner_mm| {
             let mut corner = start;
-            for (index, axis) in axes.into_iter().enumerate() {
-                corner[axis] = machine.counts_of(axis, ends[turn[index]][index]);
+            for (axis, &mm) in axes.into_iter().zip(corner_mm) {
+                corner[axis] = machine.counts_of(axis, mm);
             }
             for &(axis, mm) in &machine.setting_up.pointer_mm {
                 if axes.contains(&axis) {
@@ -86,6 +101,7 @@ impl FrameRectangle {
             }
             corner
         });
+        let corners: Vec<[i64; A]> = corners.collect();
         for corner in &corners {
             for axis in axes {
                 check_limit(

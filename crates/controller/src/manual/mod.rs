@@ -7,7 +7,7 @@ mod perform;
 mod sense_test;
 mod sheet_edge;
 
-pub use frame::FrameRectangle;
+pub use frame::{CutFrame, FrameShape};
 pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};
 pub use sheet_edge::SheetEdge;
 
@@ -42,8 +42,8 @@ pub enum ManualTask {
     TestPulse,
     /// Sense the sheet with the cutter off, and return the tool (CUT-57).
     SenseTest,
-    /// Trace the rectangle around what the program cuts, with the pointer (CUT-59).
-    Frame(FrameRectangle),
+    /// Trace a frame around what the program cuts, with the pointer (CUT-59).
+    Frame(CutFrame),
 }
 
 impl ManualTask {

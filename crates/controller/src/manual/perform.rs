@@ -14,7 +14,7 @@ use retrace_journal::JournalConfig;
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
-use super::frame::{self, FrameRectangle};
+use super::frame::{self, CutFrame};
 use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
@@ -334,7 +334,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     /// Traces a rectangle with the pointer, which is on along it and off again behind it.
-    fn trace_frame(&mut self, frame: &FrameRectangle) -> Result<ManualTaskDone, ManualTaskError> {
+    fn trace_frame(&mut self, frame: &CutFrame) -> Result<ManualTaskDone, ManualTaskError> {
         let CardStatus { counts, outputs, .. } = *self.card.status();
         frame::require_cutters_off(self.machine, &outputs)?;
         let corners = frame.corners(self.machine, counts)?;

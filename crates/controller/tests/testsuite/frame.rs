@@ -4,9 +4,9 @@
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    CommandSources, FrameRectangle, JobOptions, JobStart, ManualTask, ManualTaskDone, ManualTaskError, ModalContext,
-    Observer, PeriodRecord, RunMode, ScriptPlayer, Telemetry, check_program, interpreter_setup, parse_script,
-    perform_manual_task, run_job,
+    CommandSources, CutFrame, FrameShape, JobOptions, JobStart, ManualTask, ManualTaskDone, ManualTaskError,
+    ModalContext, Observer, PeriodRecord, RunMode, ScriptPlayer, Telemetry, check_program, interpreter_setup,
+    parse_script, perform_manual_task, run_job,
 };
 use retrace_core::RecordIndex;
 use retrace_hal_sim::{Clock, PlantSettings, Random, SimCard};
@@ -95,10 +95,14 @@ fn cut(machine: &MachineConfig, program: &str) -> Log {
     log
 }
 
-fn frame(machine: &MachineConfig, program: &str) -> Result<FrameRectangle, String> {
+fn frame(machine: &MachineConfig, program: &str) -> Result<CutFrame, String> {
+    frame_of(machine, program, FrameShape::Rectangle)
+}
+
+fn frame_of(machine: &MachineConfig, program: &str, shape: FrameShape) -> Result<CutFrame, String> {
     let mut decoder = Decoder::with_setup(program, interpreter_setup(machine));
     let (.., found) = check_program::<4>(machine, &mut decoder);
-    FrameRectangle::of_contours(machine, &found.contours).map_err(|refusal| refusal.to_string())
+    CutFrame::of_contours(machine, &found.contours, shape).map_err(|refusal| refusal.to_string())
 }
 
 /// Performs tasks, one after the other, on a card at rest. Returns what was seen, and the end of the last one.
@@ -155,6 +159,32 @@ fn the_pointer_traces_the_extremes_of_what_is_cut() {
         let corners = [[0, 0], [1, 0], [1, 1], [0, 1]].map(|turn| [0, 1].map(|axis| traced[axis][turn[axis]]));
         let visited = |corner: &[i64; 2]| log.periods.iter().any(|(period, on)| on[2] && period.counts[..2] == *corner);
         assert!(corners.iter().all(visited), "{corners:?}");
+    }
+}
+
+/// A turned square and a circle: the outline is turned with them, goes round what the torch cuts, and nowhere far from
+/// it.
+#[test]
+fn the_outline_follows_what_is_cut() {
+    let machine = machine("");
+    let program = "G21 G90 G61 F3000\nG10 L2 P1 X200 Y80 R30\nG0 X0 Y0\nM3\nG1 X120\nG1 Y80\nG1 X0\nG1 Y0\nM5\n\
+        G0 X140 Y40\nM3\nG3 X140 Y40 I15 J0\nM5\nG0 X0 Y0\nM2\n";
+    let cut = cut(&machine, program);
+    let lit = cut.periods.windows(2).filter(|pair| pair[1].1[0]).flatten();
+    let lit: Vec<[f64; 2]> = lit.map(|(period, _)| [0, 1].map(|axis| period.counts[axis] as f64)).collect();
+    let frame = ManualTask::Frame(frame_of(&machine, program, FrameShape::Outline).expect("an outline"));
+    let (log, done) = perform(&machine, &[frame], "");
+    assert_eq!(done, Ok(ManualTaskDone::Completed { cut_short: false }));
+    let traced = log.periods.iter().filter(|(_, on)| on[2]);
+    let traced: Vec<[f64; 2]> = traced
+        .map(|(period, _)| [0, 1].map(|axis| period.counts[axis] as f64 + POINTER_MM[axis] * PULSES_PER_MM))
+        .collect();
+    // Seen in many directions, both reach equally far: within 0.2 mm, which is 40 counts.
+    for degree in 0..360 {
+        let (sin, cos) = f64::from(degree).to_radians().sin_cos();
+        let reach = |places: &[[f64; 2]]| places.iter().map(|[x, y]| x * cos + y * sin).fold(f64::MIN, f64::max);
+        let off = reach(&traced) - reach(&lit);
+        assert!((-41.0..=1.5).contains(&off), "{degree} degrees: {off} counts");
     }
 }
 

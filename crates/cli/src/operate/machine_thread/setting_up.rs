@@ -6,7 +6,7 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::{ManualTask, SheetEdge};
+use retrace_controller::{FrameShape, ManualTask, SheetEdge};
 use retrace_journal::ConsumableFile;
 use retrace_link::{MotionCard, Outputs};
 use retrace_tui::{ScreenModel, lock_model, sheet_text};
@@ -40,8 +40,8 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         }
     }
 
-    /// Traces the rectangle around what the program cuts at this position, with these offsets.
-    pub(super) fn trace_frame(&mut self) {
+    /// Traces a frame around what the program cuts at this position, with these offsets.
+    pub(super) fn trace_frame(&mut self, shape: FrameShape) {
         if let Some(why) = self.cannot_begin() {
             return self.reject_text(why);
         }
@@ -50,7 +50,7 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         }
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
-        match self.while_idle(|| program.reopened(setup)?.frame(&machine)) {
+        match self.while_idle(|| program.reopened(setup)?.frame(&machine, shape)) {
             Ok(frame) => self.perform_task(&ManualTask::Frame(frame)),
             Err(refusal) => self.reject(refusal),
         }
