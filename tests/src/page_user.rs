@@ -257,10 +257,16 @@ impl PageUser {
     }
 
     /// Number of pixels of the path's picture that have this colour, within a small difference.
-    pub fn canvas_pixels(&mut self, [red, green, blue]: [u8; 3]) -> u64 {
+    pub fn canvas_pixels(&mut self, colour: [u8; 3]) -> u64 {
+        self.pixels_of("#path-canvas", colour)
+    }
+
+    /// Number of pixels of a canvas that have this colour, within a small difference.
+    pub fn pixels_of(&mut self, canvas: &str, [red, green, blue]: [u8; 3]) -> u64 {
+        let selector = json!(canvas);
         let count = format!(
             "(() => {{
-               const canvas = document.getElementById('path-canvas'), copy = document.createElement('canvas');
+               const canvas = document.querySelector({selector}), copy = document.createElement('canvas');
                [copy.width, copy.height] = [canvas.width, canvas.height];
                const context = copy.getContext('2d');
                context.drawImage(canvas, 0, 0);

@@ -8,6 +8,7 @@ import { ContourList } from './contour_list.js';
 import { ControlDialog } from './control_dialog.js';
 import { FeedPanel } from './feed_panel.js';
 import { FilePanel } from './file_panel.js';
+import { HeightChart } from './height_chart.js';
 import { HelpPanel } from './help_panel.js';
 import { JobPanel } from './job_panel.js';
 import { JogPad } from './jog_pad.js';
@@ -83,6 +84,8 @@ const contourList = new ContourList(store, connection, orders);
 const mdiPanel = new MdiPanel(store, orders);
 const feedPanel = new FeedPanel(place('feed'), store, orders, actions);
 const helpPanel = new HelpPanel(store, actions);
+/** The strip chart, for tests of what it keeps. */
+export const heightChart = new HeightChart(place('height-chart'), store);
 
 stageTabs.add('path', 'Path', pathPanel);
 stageTabs.add('files', 'Files', new FilePanel(store, connection, orders));

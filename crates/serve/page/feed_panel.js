@@ -1,10 +1,11 @@
-// Shows feed, rate and times; sets the overrides; shows the cutter; switches the outputs.
+// Shows feed, rate and times; sets the overrides; shows the cutter and its height; switches the outputs.
 //
 // Invariant: an output of a cutter is switched on only after a question.
 
 import { button, element, setChildren, setOff, setText, isOff } from './element.js';
+import { HeightLine } from './height_line.js';
 import { confirm, openDialog } from './dialog.js';
-import { feedUnit, formatDuration, formatFeed, formatLength, formatPercent } from './units.js';
+import { feedUnit, formatDuration, formatFeed, formatPercent } from './units.js';
 import { sign } from './signs.js';
 
 const SHOWN_OUTPUTS = 4;
@@ -18,16 +19,6 @@ const CUTTER_WORDS = {
   lost: 'OFF',
   dry: 'off: dry run',
   test: 'TEST PULSE',
-};
-
-/** What height control does: in a word, and in a sentence. */
-const HEIGHT_WORDS = {
-  off: ['off', 'Height control is off: nothing is cut'],
-  waiting: ['waiting', 'Height control waits for its delay and the feed'],
-  active: ['active', 'Height control moves the torch'],
-  held: ['held', 'The height is held: a corner, a void, a kerf, or the program'],
-  at_limit: ['AT LIMIT', 'The torch is at the end of its range'],
-  stopped: ['OFF', 'The operator has switched height control off'],
 };
 
 const OFF_REASONS = {
@@ -63,7 +54,7 @@ export class FeedPanel {
     this.spindle = figure('spindle');
     this.spindle.node.hidden = true;
     this.cutter = element('p', { class: 'cutter-line' });
-    this.height = this.heightKeys();
+    this.height = new HeightLine(store, actions);
     this.feedOverride = this.overrideKeys('feed', 'slower');
     this.rapidOverride = this.overrideKeys('rapid', 'rapid-override');
     this.outputs = element('div', { class: 'outputs', role: 'group', 'aria-label': 'Outputs' });
@@ -78,25 +69,6 @@ export class FeedPanel {
     store.on('hello', hello => this.build(hello));
     store.on('state control link', () => this.showState());
     actions.register({ outputs: () => this.openOutputs() });
-  }
-
-  /** Height control: what it does, and its keys. */
-  heightKeys() {
-    const text = element('span', { class: 'height-text' });
-    const key = (id, label, title) => {
-      const press = event => !isOff(event.currentTarget) && this.actions.perform(id);
-      return { id, node: button(label, press, { 'aria-label': title, title }) };
-    };
-    const buttons = [
-      key('height-down', '−', 'Torch lower'),
-      key('height-up', '+', 'Torch higher'),
-      key('height-reset', '0', 'Voltage of the material'),
-      key('height-control', 'THC', 'Height control on, off'),
-    ];
-    const node = element('div', { class: 'height-line', role: 'group', 'aria-label': 'Height control' }, text);
-    node.append(...buttons.map(each => each.node));
-    node.hidden = true;
-    return { node, text, buttons };
   }
 
   overrideKeys(name, id) {
@@ -247,22 +219,6 @@ export class FeedPanel {
     setText(this.spindle.value, `${rpm ?? 0}/min${gear}`);
   }
 
-  /** Shows what height control does, on a machine that has it. */
-  showHeight(height) {
-    const { node, text, buttons } = this.height;
-    node.hidden = !height;
-    if (!height) return;
-    const [word, sentence] = HEIGHT_WORDS[height.is_on ? height.state : 'stopped'];
-    const parts = [word];
-    if (height.volts !== null) parts.push(`${height.volts.toFixed(1)} V`);
-    if (height.offset_volts !== 0) parts.push(`${height.offset_volts > 0 ? '+' : ''}${height.offset_volts} V`);
-    setText(text, parts.join(' · '));
-    text.title = `${sentence}. Layer: ${formatLength(height.layer_mm, 2)}`;
-    node.dataset.state = height.is_on ? height.state : 'stopped';
-    for (const each of buttons) setOff(each.node, !this.store.allows(each.id));
-    buttons.at(-1).node.setAttribute('aria-pressed', String(height.is_on));
-  }
-
   /** Shows the newest live figures; called once a frame. */
   show() {
     const { live, state } = this.store;
@@ -274,7 +230,7 @@ export class FeedPanel {
     setText(this.run.value, formatDuration(live?.run_s));
     this.showSpindle(live);
     this.showCutter(state, live);
-    this.showHeight(live?.height);
+    this.height.show(live);
   }
 
   showCutter(state, live) {

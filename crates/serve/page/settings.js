@@ -1,8 +1,8 @@
-// Keeps the choices of this page's user: theme, unit of length, name of the page.
+// Keeps the choices of this page's user: theme, unit of length, name of the page, what is open.
 //
 // Invariant: they change what is displayed and nothing that is sent to the machine, the page's name excepted.
 
-const NAMES = ['theme', 'unit', 'pageName', 'wasWelcomed'];
+const NAMES = ['theme', 'unit', 'pageName', 'wasWelcomed', 'heightChart'];
 const listeners = new Set();
 
 function stored(name, otherwise) {
@@ -18,6 +18,7 @@ const values = {
   unit: stored('unit', 'mm'),
   pageName: stored('pageName', ''),
   wasWelcomed: stored('wasWelcomed', ''),
+  heightChart: stored('heightChart', 'closed'),
 };
 
 /** Value of a setting. */

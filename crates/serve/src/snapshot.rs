@@ -7,7 +7,7 @@ use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 use retrace_link::{GearState, channel};
-use retrace_tui::{AxisHoming, HeightFigures, PanelStatus, ProgramCheck, ScreenModel, ScreenStage};
+use retrace_tui::{AxisHoming, HeightFigures, PanelStatus, ProgramCheck, ScreenModel, ScreenStage, ToolHeight};
 use serde::Serialize;
 
 /// Units of a record's fraction in a record.
@@ -166,6 +166,9 @@ pub(crate) struct LiveView {
     /// What the motion does with its angle: `off`, `waiting`, `engaged`, or `by_hand` where the spindle is turned by
     /// hand.
     gear: &'static str,
+    /// Path and layer of the tool axis, on a machine that senses the sheet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    layer: Option<LayerView>,
     /// Height control, on a machine that has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     height: Option<HeightView>,
@@ -363,16 +366,28 @@ impl ProgramView {
     }
 }
 
-/// Height control: what it does, the arc voltage, what the operator adds to its target, and how far the tool is above
-/// its path.
+/// Height of the tool: its work position is the sum of path and layer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+struct LayerView {
+    /// Index of the tool axis.
+    axis: usize,
+    /// Work position on the path, once it is known.
+    path_mm: Option<f64>,
+    /// What sensing and height control add to it, once it is known.
+    layer_mm: Option<f64>,
+}
+
+/// Height control: what it does, the arc voltage with its target, and what the operator adds to the target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 struct HeightView {
     state: &'static str,
     is_on: bool,
     volts: Option<f64>,
+    /// The voltage that it aims at, where it is known.
+    target_volts: Option<f64>,
     offset_volts: f64,
-    layer_mm: f64,
 }
 
 /// Every output that is or should be on, and every other one that was ever reported.
@@ -438,12 +453,17 @@ impl LiveView {
                 GearState::Engaged if model.follows_spindle => "by_hand",
                 GearState::Engaged => "engaged",
             },
+            layer: ToolHeight::of(model).map(|of| LayerView {
+                axis: of.axis,
+                path_mm: of.path_mm.map(|mm| rounded(mm, 1e4)),
+                layer_mm: of.layer_mm.map(|mm| rounded(mm, 1e4)),
+            }),
             height: HeightFigures::of(model).map(|of| HeightView {
                 state: of.state,
                 is_on: of.is_on,
                 volts: of.volts.map(|volts| rounded(volts, 10.0)),
+                target_volts: of.target_volts.map(|volts| rounded(volts, 100.0)),
                 offset_volts: rounded(of.offset_volts, 100.0),
-                layer_mm: rounded(of.layer_mm, 1e3),
             }),
         }
     }

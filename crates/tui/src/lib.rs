@@ -61,7 +61,7 @@ mod work_tables;
 mod tests;
 
 pub use diagnostic_text::diagnostic_lines;
-pub use height_text::HeightFigures;
+pub use height_text::{HeightFigures, ToolHeight};
 pub use model::{
     Active, AlarmShown, AxisHoming, Message, MotionKind, Pause, Question, Redraw, Rejection, ScreenModel, ScreenStage,
     TimeRemaining,

@@ -39,7 +39,8 @@ fn tabs(user: &mut PageUser) -> Vec<String> {
     names.as_array().into_iter().flatten().filter_map(|name| name.as_str().map(str::to_owned)).collect()
 }
 
-fn no_fault(user: &mut PageUser, what: &str) {
+/// Fails where something cannot be reached on the page as it is.
+pub(crate) fn no_fault(user: &mut PageUser, what: &str) {
     let Screen { width, height, .. } = user.screen();
     let faults = user.evaluate(&format!("{FAULTS}({width}, {height}, 44)"));
     assert_eq!(faults, json!([]), "{what} at {width} x {height}");
