@@ -50,8 +50,8 @@ impl CutOutline {
         }
     }
 
-    /// Vertices of the hull, counterclockwise, without those that are nearer than `tolerance_mm` to the rest of it; `None`
-    /// where a place is not known.
+    /// Vertices of the hull, counterclockwise, without those that are nearer than `tolerance_mm` to the rest of it;
+    /// `None` where a place is not known.
     #[must_use]
     pub fn vertices(&self, tolerance_mm: f64) -> Option<Vec<[f64; 2]>> {
         (!self.is_unknown).then(|| simplified(&hull(self.points.clone()), tolerance_mm))

@@ -69,8 +69,8 @@ impl CutFrame {
         Ok(Self { corners_mm })
     }
 
-    /// Positions at which the pointer shows the corners, in the order in which they are traced, from the first one back to
-    /// it. The tool axis is at a safe height. The machine is at `from`.
+    /// Positions at which the pointer shows the corners, in the order in which they are traced, from the first one back
+    /// to it. The tool axis is at a safe height. The machine is at `from`.
     ///
     /// # Errors
     /// `E2161` where the machine would leave its soft limits.
