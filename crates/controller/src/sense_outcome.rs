@@ -54,7 +54,7 @@ impl SenseOutcome {
     #[must_use]
     pub fn text(self, axis: char) -> String {
         match self {
-            Self::Found { mm } => format!("the sheet is at {} {mm:.3} mm", axis.to_ascii_uppercase()),
+            Self::Found { mm } => format!("the sheet is at machine {} {mm:.3} mm", axis.to_ascii_uppercase()),
             Self::NoSheet => "no sheet was found: check `sheet_mm` and `below_mm`, and the contacts".into(),
             Self::Contact => "a contact is closed without the sheet, or does not open: check its input".into(),
             Self::Cancelled => "ended by the operator".into(),

@@ -9,7 +9,8 @@ use crate::model::ScreenModel;
 /// Why the machine stands in a cut that ends in this line.
 pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
     let lost = model.lost_cutter.map(|channel| format!("{} went out; ", model.facts.output_name(channel)));
-    format!("{}the cut ends in line {line}; k goes back, FIRES and cuts on", lost.unwrap_or_default())
+    let keys = "k goes back, FIRES and cuts on; c asks, and fires here";
+    format!("{}the cut ends in line {line}; {keys}", lost.unwrap_or_default())
 }
 
 /// What a cutter does that is being started.

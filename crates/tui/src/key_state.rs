@@ -525,12 +525,13 @@ impl KeyState {
         *wrong = None;
         let done = match (*ask, key) {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
-            (
-                ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest | PendingQuestion::ConsumablesChanged),
-                Key::Char('y'),
-            ) => answer(ask, "", model),
+            (ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest), Key::Char('y')) => answer(ask, "", model),
+            // A figure is looked at more often than reset.
+            (ask @ PendingQuestion::ConsumablesChanged, Key::Char('0')) => answer(ask, "", model),
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
             (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
+            // The key that has opened the question answers nothing.
+            (PendingQuestion::AlignSheet, Key::Char('E')) => return None,
             (PendingQuestion::AlignSheet, _) => Ok(UiCommand::ForgetSheet),
             (ask, _) if !ask.takes_text() => {
                 self.open = OpenDialog::Nothing;

@@ -10,9 +10,9 @@ use crate::model::ScreenModel;
 pub(crate) fn with_keys(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [first] => {
-            format!("first point {}; jog along the edge, E takes the second one (E here: forget it)", place(first))
+            format!("1st point {}; jog along the edge, E takes the 2nd (E here: forget it)", place(first))
         }
-        [_, _, ..] => format!("E sets {}", of(model)),
+        [_, _, ..] => format!("E, then y sets it: {}", of(model)),
         [] => of(model),
     }
 }
@@ -28,7 +28,7 @@ pub fn of(model: &ScreenModel) -> String {
         ),
         [first, second, ..] => match SheetEdge::through(first, second) {
             Ok(edge) => format!(
-                "{:.1} mm of the edge along {}: zero at {}, turned by {:+.3}°; NOT SET YET",
+                "NOT SET YET: {:.1} mm of the edge along {}: zero at {}, turned by {:+.3}°",
                 edge.length_mm,
                 if edge.is_along_y { "Y" } else { "X" },
                 place(first),

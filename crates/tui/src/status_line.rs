@@ -73,7 +73,7 @@ fn setup(model: &ScreenModel) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
-    let of_cutter = [KeyAction::SheetEdge, KeyAction::Frame, KeyAction::Contours];
+    let of_cutter = [KeyAction::SheetEdge, KeyAction::Frame, KeyAction::Outline, KeyAction::Contours];
     let mut actions = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
     actions.extend(rest);
     if model.homed && !model.facts.cutters.is_empty() {
@@ -112,6 +112,11 @@ fn setup(model: &ScreenModel) -> StatusHint {
         (true, _) => format!("{name}, DRY RUN: the cutter stays off"),
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),
+    };
+    let why = match model.contours.skipped().count() {
+        0 => why,
+        1 => format!("{why}, 1 contour will be skipped"),
+        count => format!("{why}, {count} contours will be skipped"),
     };
     let why = if model.manual_result.is_empty() { why } else { format!("{}; {why}", model.manual_result) };
     hint(HintLevel::Waiting, "READY", why, &actions)

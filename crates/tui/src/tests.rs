@@ -357,10 +357,10 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     says(" 0.0 mm back; the cut ends in line 14, K cuts on from here — K cut here");
     set(Mode::AwaitOutputs, HoldReason::None, true);
     event(EventKind::OutputsDiffer(DifferingOutputs::first(&mut [DifferingOutput::new(64, 0, 1)].into_iter())));
-    says(" y starts the cutter here; k goes back, FIRES and cuts on — k recover");
+    says(" y starts the cutter here; k goes back, FIRES and cuts on");
     says("k: recover the interrupted cut: go back and cut on");
     lock_model(&model).lost_cutter = Some(64);
-    says(" y leaves a gap in the cut; k goes back, FIRES and cuts on — k recover");
+    says(" y leaves a gap in the cut; k goes back, FIRES and cuts on");
     event(EventKind::OutputsRestored);
     set(Mode::Run, HoldReason::Ended, true);
     says("program completed; reverse run");

@@ -99,7 +99,8 @@ fn a_hold_ends_a_test() {
 /// back, and jogs.
 #[test]
 fn without_a_program_the_page_tests_as_well() {
-    for (faults, said) in [("sheet=0", format!("the sheet is at Z {SHEET_MM:.3} mm")), ("sheet=-40", "no sheet".into())]
+    for (faults, said) in
+        [("sheet=0", format!("the sheet is at machine Z {SHEET_MM:.3} mm")), ("sheet=-40", "no sheet".into())]
     {
         let bench = Bench::new();
         bench.file("materials.toml", MATERIALS);

@@ -106,8 +106,8 @@ fn the_screen_leads_through_it() {
     let terminal = Terminal::with(&arguments, 120, 30, &[("XDG_STATE_HOME", &state)]);
     terminal.wait_for_text("READY");
     terminal.keys("E");
-    terminal.wait_for_text("first point at X0.000 Y0.000");
-    let text = terminal.wait_for_text("jog along the edge, E takes the second one (E here: forget it)");
+    terminal.wait_for_text("1st point X0.000 Y0.000");
+    let text = terminal.wait_for_text("jog along the edge, E takes the 2nd (E here: forget it)");
     assert!(text.contains("SHEET EDGE") && text.contains("E sheet"), "{text}");
     for key in ["c", "F"] {
         terminal.keys(key);

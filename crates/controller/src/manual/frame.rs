@@ -21,6 +21,8 @@ pub enum FrameShape {
 pub struct CutFrame {
     /// Its corners in the order in which they are traced, mm.
     corners_mm: Vec<[f64; 2]>,
+    /// What it is.
+    pub shape: FrameShape,
 }
 
 /// Distance in mm within which the outline is traced.
@@ -66,7 +68,7 @@ impl CutFrame {
             FrameShape::Rectangle => vec![[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]],
             FrameShape::Outline => outline,
         };
-        Ok(Self { corners_mm })
+        Ok(Self { corners_mm, shape })
     }
 
     /// Positions at which the pointer shows the corners, in the order in which they are traced, from the first one back

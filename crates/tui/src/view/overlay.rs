@@ -208,9 +208,9 @@ fn prompt(
                 lines.push("Nothing was counted yet.".into());
             }
             if model.stage == ScreenStage::Job {
-                lines.push("The running job is counted at its end.".into());
+                lines.push("This job is counted once it is released (u).".into());
             }
-            lines.push("y: they are NEW, count from 0 · any other key: close".into());
+            lines.push("0: they are NEW, count from 0 · any other key: close".into());
             draw_box(out, "wear of the consumables", &lines, theme);
             return;
         }

@@ -31,7 +31,7 @@ impl<const A: usize> MachineThread<'_, '_, A> {
     pub(super) fn align_sheet(&mut self) {
         match taken_edge(&self.router.model) {
             Ok(edge) => {
-                let zero = sheet_text(&lock_model(&self.router.model)).replace("; NOT SET YET", "");
+                let zero = sheet_text(&lock_model(&self.router.model)).replace("NOT SET YET: ", "");
                 self.add_message(format!("set by {zero}"));
                 self.forget_sheet();
                 self.perform_task(&ManualTask::Mdi(edge.block(&self.mdi_context.active())));
@@ -115,6 +115,7 @@ impl<const A: usize> MachineThread<'_, '_, A> {
     pub(super) fn show_task(&self, task: &ManualTask) {
         let mut model = lock_model(&self.router.model);
         model.manual_task = match task {
+            ManualTask::Frame(frame) if frame.shape == FrameShape::Outline => "tracing the outline, cutters off",
             ManualTask::Frame(_) => "tracing the frame, cutters off",
             ManualTask::SenseTest => "sensing the sheet, cutter off",
             ManualTask::Home(_) => "homing",
@@ -126,9 +127,10 @@ impl<const A: usize> MachineThread<'_, '_, A> {
 
     /// Reports that a task is complete, where nothing else shows it.
     pub(super) fn report_done(&mut self, task: &ManualTask) {
-        if let ManualTask::Frame(_) = task {
-            lock_model(&self.router.model).manual_result = "the frame was traced".into();
-            self.add_message("the frame was traced");
+        if let ManualTask::Frame(frame) = task {
+            let what = if frame.shape == FrameShape::Outline { "outline" } else { "frame" };
+            lock_model(&self.router.model).manual_result = format!("the {what} was traced");
+            self.add_message(format!("the {what} was traced"));
         }
     }
 
