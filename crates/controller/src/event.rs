@@ -17,6 +17,7 @@ use crate::cutter_state::CutterState;
 use crate::differing_outputs::DifferingOutputs;
 use crate::dnc_events::{AxisCounts, DncEvent};
 use crate::operator::{CommandError, LeadShape, OperatorCommand, StartSide};
+use crate::plan_item::HEIGHT;
 use crate::sense_outcome::SenseOutcome;
 
 /// A cause that stops the machine for the rest of the run.
@@ -248,12 +249,14 @@ pub struct Event {
 
 impl Event {
     /// Whether a log for people leaves it out: the codes and the losses, or the readouts, show it already. S changes
-    /// all along the path under G96.
+    /// all along the path under G96; the moves of the height are no codes of the program.
     #[must_use]
-    pub const fn is_detail(&self) -> bool {
+    pub fn is_detail(&self) -> bool {
         matches!(
             self.kind,
             EventKind::CutterState { .. }
+                | EventKind::Switching(HEIGHT)
+                | EventKind::Switched(HEIGHT)
                 | EventKind::OutputChanged(channel::SPEED, _)
                 | EventKind::RetraceSwitched(channel::SPEED, _)
         )

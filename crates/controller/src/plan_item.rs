@@ -9,6 +9,9 @@ use retrace_gcode::ActiveCodes;
 use retrace_journal::MarkDifference;
 use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, SpindleTask};
 
+/// Code of an instruction that belongs to the height of a cutter, and to no code of the program.
+pub(crate) const HEIGHT: &str = "height";
+
 /// Kind of an exclusive instruction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ExclusiveKind {

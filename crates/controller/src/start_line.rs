@@ -13,9 +13,8 @@ use retrace_core::RecordIndex;
 use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc as PathArc, FeedRate, PathMode};
 
-use crate::canon_executor::HEIGHT;
 use crate::motion_sink::MotionSink;
-use crate::plan_item::ExclusiveKind;
+use crate::plan_item::{ExclusiveKind, HEIGHT};
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::restart::OutputOrigins;
 

@@ -36,7 +36,6 @@ use entered_length::LengthCorrection;
 use feed_override::FeedOverrideSwitch;
 use kerf_map::KerfMap;
 use surface_speed::SurfaceSpeed;
-pub(crate) use tool_height::HEIGHT;
 use tool_height::LayerState;
 
 /// Minimum deviation of the chords of splines, mm.

@@ -12,10 +12,8 @@ use retrace_link::{LayerMove, OutputChange};
 use super::cut_areas::CutAreas;
 use super::{CanonError, CanonExecutor};
 use crate::motion_sink::MotionSink;
+use crate::plan_item::HEIGHT;
 use crate::plan_writer::SwitchInstruction;
-
-/// Code of an instruction that only moves the layer, in messages.
-pub(crate) const HEIGHT: &str = "height";
 
 /// Where the layer is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -28,7 +28,7 @@ use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
-use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
+use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, HEIGHT, PathItem, PlanSummary};
 use crate::question::Question;
 use crate::soft_limits::{LimitFinding, extremes};
 use crate::thread_plan::ThreadPlanner;
@@ -432,7 +432,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         while let Some(WaitingChange { change, line, unchanged_in_reverse: lasts, .. }) =
             self.waiting_changes.pop_front()
         {
-            let (code, changes) = ("M62–M65", [change]);
+            let code = if change.channel == channel::HEIGHT_HOLD { HEIGHT } else { "M62–M65" };
+            let changes = [change];
             self.exclusive(SwitchInstruction {
                 line,
                 code,

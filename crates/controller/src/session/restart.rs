@@ -11,9 +11,9 @@ use retrace_link::{
 };
 
 use super::{ProgramStop, Session};
-use crate::canon_executor::HEIGHT;
 use crate::cutter_off_reason::CutterOffReason;
 use crate::event::{CardError, EventKind};
+use crate::plan_item::HEIGHT;
 use crate::restart::RestartStep;
 
 /// Progress of a restart.
