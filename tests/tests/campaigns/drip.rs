@@ -159,11 +159,12 @@ fn when_the_feed_dries_up_the_machine_stops_on_the_path_and_goes_on_when_it_come
     }
     text.push_str("M2\n");
     let at = |line: &str| text.find(line).expect("a line of it");
-    // no data for longer than the received part lasts, within a line and between two; then it is cut
+    // no data for longer than the received part lasts, also where a loaded computer begins late: within a line, and
+    // between two; then it is cut
     let trouble = SenderFaults {
         cuts: vec![at("G1 X105.0") + 4],
         goes_away: true,
-        stalls: vec![(at("G1 X60.0") + 4, Duration::from_secs(3)), (at("G1 X90.0"), Duration::from_millis(2500))],
+        stalls: vec![(at("G1 X60.0") + 4, Duration::from_secs(6)), (at("G1 X90.0"), Duration::from_secs(5))],
     };
     let bench = Bench::new();
     let path = positions(&Run::of(&bench, &bench.file("whole.ngc", &text), &[]));
