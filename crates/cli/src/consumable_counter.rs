@@ -38,7 +38,8 @@ pub struct ConsumableCounter {
     period: u64,
     period_s: f64,
     saved: Instant,
-    saving: Option<JoinHandle<()>>,
+    /// The last change of the file; it returns the wear that could not be written.
+    saving: Option<JoinHandle<BTreeMap<String, ConsumableWear>>>,
 }
 
 impl ConsumableCounter {
@@ -87,9 +88,10 @@ impl ConsumableCounter {
         }
         if self.saved.elapsed() >= SAVE_INTERVAL && self.saving.as_ref().is_none_or(JoinHandle::is_finished) {
             self.saved = Instant::now();
+            self.finish_saving();
             let (file, wear) = (self.file.clone(), self.take_wear());
-            // The motion does not wait for a slow disk. What cannot be written is reported at the end of the job.
-            self.saving = Some(std::thread::spawn(move || drop(file.add(&wear))));
+            // The motion does not wait for a slow disk. What cannot be written is tried again with the next minute.
+            self.saving = Some(std::thread::spawn(move || file.add(&wear).map_or(wear, |_| BTreeMap::new())));
         }
     }
 
@@ -122,20 +124,28 @@ impl ConsumableCounter {
 
     /// The consumables are new.
     fn begin(&mut self) {
+        self.finish_saving();
         let names: Vec<String> = self.take_wear().into_keys().collect();
         self.counted_mm = self.contours.cut_mm();
         for cutter in self.cutters.iter_mut().filter(|cutter| cutter.on_since.is_some()) {
             cutter.on_since = Some(self.period);
         }
-        self.finish_saving();
         let file = self.file.clone();
-        self.saving = Some(std::thread::spawn(move || drop(file.begin(&names))));
+        self.saving = Some(std::thread::spawn(move || {
+            drop(file.begin(&names));
+            BTreeMap::new()
+        }));
     }
 
     fn finish_saving(&mut self) {
         if let Some(saving) = self.saving.take() {
             // A panic there has lost at most a minute of wear.
-            let _ = saving.join();
+            let unwritten = saving.join().unwrap_or_default();
+            for cutter in &mut self.cutters {
+                if let Some(wear) = unwritten.get(&cutter.name) {
+                    cutter.wear.add(wear);
+                }
+            }
         }
     }
 

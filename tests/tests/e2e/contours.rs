@@ -156,6 +156,9 @@ fn contours_ahead_are_skipped() {
     assert_eq!(states(last), [row(1, "cut", 60), row(2, "not_cut", 0), row(3, "cut", 30)]);
     let refused: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
     assert!(refused.len() == 1 && refused[0].contains("has been begun"), "{refused:?}");
+    // Its start is under way already.
+    let starting = self::run("", "at 0.7s skip contour 1\n", &[]);
+    assert!(starting.of_kind("command_rejected").count() == 1 && starting.report["contours_not_cut"] == 0);
     let bench = bench("at 0s skip contour 2\nat 0s skip contour 3\nat line 10 stop\n");
     let arguments = ["run", "part.ngc", "--machine", "m.toml", "--operator", "s.op", "--json"];
     assert_eq!(bench.retrace(arguments).code, Some(4));

@@ -8,6 +8,7 @@ use retrace_tests::page_client::PageServer;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
+use retrace_tests::served::ServedCard;
 
 /// Two cuts of 30 mm, with a program stop between them.
 const PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3 S1\nG1 X40\nM5\nM0\nG0 X60\nM3\nG1 X90\nM5\nG0 X0\nM2\n";
@@ -92,6 +93,32 @@ fn a_hold_ends_a_test() {
         assert_eq!(height_at(&samples, asked - 0.01), height_at(&samples, asked + 8.0), "{script}");
         let stopped = samples.iter().filter(|sample| (sample.at_us as f64) < (asked + 8.0) * 1e6);
         assert!(stopped.map(|sample| sample.counts[2] + sample.layer).min() > Some(SHEET - 780), "{script}");
+    }
+}
+
+/// Over a serial line, where reports are late: found, and ended by a hold; the job goes on, and the axis is at its path at
+/// the end.
+#[test]
+fn a_card_on_a_line_tests_as_well() {
+    for end in ["", "after 0.4s hold\n"] {
+        let bench = Bench::new();
+        bench.file("part.ngc", PROGRAM);
+        bench.file("materials.toml", MATERIALS);
+        bench.file("m.toml", format!("homed = true\n{}", machine(SENSE)));
+        bench.file(
+            "s.op",
+            format!("at 6s hold\nafter 3s sense test\n{end}after 7s recover\nafter 5s resume\nafter 5s resume\n"),
+        );
+        let card = ServedCard::with(&["--machine", &bench.path("m.toml").display().to_string(), "--speed", "2"]);
+        let port = card.port.clone();
+        let run =
+            bench.retrace(["run", "part.ngc", "--card", &port, "--machine", "m.toml", "--json", "--operator", "s.op"]);
+        assert_eq!(run.code, Some(0), "{}\n{}", run.err, run.out);
+        let wanted = if end.is_empty() { "sheet_found" } else { "cancelled" };
+        assert!(run.out.contains(&format!("\"result\":\"{wanted}\"")), "{}", run.out);
+        let status = card.identify(&bench);
+        assert_eq!(status["counts"][2], 0, "{status}");
+        let _ = card.end();
     }
 }
 

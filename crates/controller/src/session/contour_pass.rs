@@ -96,7 +96,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(why) = self.config.skip_refusal.filter(|_| on) {
             return Err(CommandError::NotNow(why));
         }
-        if on && self.cut_map.contour(number).is_some() {
+        // A start that is being executed belongs to the next one.
+        let is_starting = self.is_starting_cutter() && self.cut_map.next_number() == number;
+        if on && (is_starting || self.cut_map.contour(number).is_some()) {
             return Err(BEGUN);
         }
         let skipped = &mut self.contour_pass.skipped;

@@ -219,8 +219,13 @@ impl CutMap {
     /// Number of the contour that begins at this place, or will be the next one that is begun.
     pub(super) fn number_at(&self, pierce: RecordIndex) -> u32 {
         let begun = self.contours.iter().rev().find(|contour| contour.pierce == pierce);
+        begun.map_or_else(|| self.next_number(), |contour| contour.number)
+    }
+
+    /// Number of the contour that will be begun next for the first time.
+    pub(super) fn next_number(&self) -> u32 {
         let last = if self.last_number == 0 { self.skipped.load(Ordering::Acquire) } else { self.last_number };
-        begun.map_or(last + 1, |contour| contour.number)
+        last + 1
     }
 
     /// The program has lit the cutter before the record at `pierce`.
