@@ -96,8 +96,8 @@ fn a_hold_ends_a_test() {
     }
 }
 
-/// Over a serial line, where reports are late: found, and ended by a hold; the job goes on, and the axis is at its path at
-/// the end.
+/// Over a serial line, where reports are late: found, and ended by a hold; the job goes on, and the axis is at its path
+/// at the end.
 #[test]
 fn a_card_on_a_line_tests_as_well() {
     for end in ["", "after 0.4s hold\n"] {

@@ -315,6 +315,34 @@ fn a_sense_test_lights_nothing_and_ends_by_hand() {
     }
 }
 
+/// An emergency stop, and a host that falls silent, end a sense test anywhere: the tool comes to rest, nothing is lit.
+#[test]
+fn an_alarm_ends_a_sense_test() {
+    for after in (1..380).step_by(7) {
+        for cause in [Alarm::EmergencyStop, Alarm::HostSilent] {
+            let mut table = Table::new(Some(-900));
+            let test = RepeatedInstruction { number: 1, layer: Some(START), ..RepeatedInstruction::default() };
+            table.send(HostCommand::Repeat(test));
+            table.periods(after);
+            if cause == Alarm::EmergencyStop {
+                table.levels = STOP
+            } else {
+                table.is_silent = true
+            }
+            // The watchdog of the settings.
+            if table.periods(if cause == Alarm::HostSilent { 30 } else { 1 }).repeated == 1 {
+                continue;
+            }
+            table.periods(60);
+            let rests_at = table.position;
+            let status = table.periods(300);
+            assert_eq!((status.alarm, status.repeated), (Some(cause), 0), "{after}");
+            assert!(rests_at == table.position && status.at_rest && table.lit_at.is_empty(), "{after}");
+            table.assert_limits();
+        }
+    }
+}
+
 /// A table whose cursor is at rest at the end of the path, with a rate that is asked for.
 fn at_the_end(sheet: i64) -> Table {
     let mut table = Table::new(Some(sheet));
