@@ -4,6 +4,8 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -11,6 +13,60 @@ use crate::command::{Bench, CommandOutput, binary};
 
 /// Largest number of times that a machine is homed where it ends in an alarm.
 const MAX_HOMINGS: u32 = 6;
+
+/// Largest number of times that a job is resumed which the computer kept from its end.
+const MAX_RESUMES: u32 = 6;
+
+/// How long a job without an operator may wait with its cutter off.
+const MAX_WAIT: Duration = Duration::from_secs(5);
+
+/// Resumes the job of a killed host on its card until it ends: again where the computer kept the host from running for
+/// longer than the watchdog allows, or until the cutter went off at rest. Returns the output of the commands.
+///
+/// # Errors
+/// The same, where it ends otherwise.
+pub fn resume_to_end(bench: &Bench) -> Result<String, String> {
+    let mut told = String::new();
+    for _ in 0..MAX_RESUMES {
+        let (code, out) = resume(bench);
+        told += &format!("--- resumed: {code:?}\n{out}");
+        match code {
+            Some(0) => return Ok(told),
+            Some(3) | None => {}
+            Some(_) => break,
+        }
+    }
+    Err(told)
+}
+
+/// Resumes the job, and kills the host where it waits for an operator because the cutter went off in the cut. Returns
+/// its exit code, if it was not killed, and its output.
+fn resume(bench: &Bench) -> (Option<i32>, String) {
+    let mut host = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "resumed.txt");
+    let read = || std::fs::read_to_string(bench.path("resumed.txt")).unwrap_or_default();
+    let mut waiting_since = Instant::now();
+    loop {
+        sleep(Duration::from_millis(20));
+        if let Some(status) = host.try_wait().expect("a child") {
+            return (status.code(), read());
+        }
+        if !waits_for_recovery(&read()) {
+            waiting_since = Instant::now();
+        } else if waiting_since.elapsed() > MAX_WAIT {
+            host.kill().expect("it is killed");
+            host.wait().expect("it ends");
+            return (None, read());
+        }
+    }
+}
+
+/// Whether the last cut of a job waits, by its output up to now.
+#[must_use]
+pub fn waits_for_recovery(told: &str) -> bool {
+    let is_off = |line: &&str| ["at_rest", "lost"].iter().any(|why| line.contains(&format!("\"reason\":\"{why}\"")));
+    let goes_on = |line: &str| line.contains("\"event\":\"run_resumed\"");
+    told.lines().rev().take_while(|line| !goes_on(line)).any(|line| is_off(&line))
+}
 
 /// A card being served.
 #[derive(Debug)]

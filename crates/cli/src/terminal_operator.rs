@@ -1,5 +1,5 @@
 //! Operator at a terminal, for a job in wall time without a screen and without a script: M0, M1 and M6 wait, and Enter
-//! is cycle start.
+//! is cycle start; a cut that was interrupted waits, and Enter is `recover`.
 //!
 //! Invariant: nothing resumes unless Enter was pressed after the prompt. Standard input is read only while the job
 //! waits, only where it is a terminal with this process in the foreground, and never where it is the program.
@@ -79,6 +79,9 @@ impl TerminalOperator {
             }
             EventKind::OutputsDiffer(_) => {
                 (OperatorCommand::Confirm, format!("line {line} waits: resuming restores the outputs that differ"))
+            }
+            EventKind::CutterOff { reason, .. } if reason.waits_for_recovery() && lock(&self.awaited).is_none() => {
+                (OperatorCommand::Recover, format!("the cut of line {line} waits for `recover`"))
             }
             EventKind::CommandRejected(_) => {
                 let again = lock(&self.answered).take()?;
@@ -186,7 +189,7 @@ fn in_foreground() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::{DifferingOutput, DifferingOutputs};
+    use retrace_controller::{CutterOffReason, DifferingOutput, DifferingOutputs};
     use retrace_core::Place;
 
     fn event(kind: EventKind) -> Event {
@@ -208,6 +211,12 @@ mod tests {
         let differ = DifferingOutputs::first(&mut [DifferingOutput::new(3, 0, 1)].into_iter());
         assert!(prompt(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Confirm));
+        assert_eq!((prompt(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
+        let off = |reason| EventKind::CutterOff { channel: 64, reason };
+        assert_eq!(prompt(off(CutterOffReason::ProgramEnd)), None);
+        let lost = prompt(off(CutterOffReason::NotLatched)).expect("it waits");
+        assert!(lost.starts_with("the cut of line 7 waits for `recover`; no terminal"), "{lost}");
+        assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Recover));
         assert_eq!((prompt(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
         assert_eq!(receiver.next_command(), None, "nothing is said by itself");
     }

@@ -47,6 +47,23 @@ impl CutterOffReason {
         }
     }
 
+    /// Whether the cut waits for `recover`: its end is neither the program's nor the operator's.
+    #[must_use]
+    pub const fn waits_for_recovery(self) -> bool {
+        match self {
+            Self::Card(cause) => matches!(
+                cause,
+                CutterOffCause::Standing
+                    | CutterOffCause::Lost
+                    | CutterOffCause::NotStarted
+                    | CutterOffCause::NoSheet
+                    | CutterOffCause::SheetContact
+            ),
+            Self::NotLatched => true,
+            Self::Operator | Self::Retrace | Self::ProgramEnd | Self::JobStopped | Self::Kerf => false,
+        }
+    }
+
     /// Text behind "off: ".
     pub(crate) const fn text(self) -> &'static str {
         match self {

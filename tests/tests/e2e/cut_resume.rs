@@ -2,13 +2,13 @@
 
 use std::process::Stdio;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use retrace_tests::command::Bench;
 use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge_served};
 use retrace_tests::cut_part::{self, MachineKind};
 use retrace_tests::run::Run;
-use retrace_tests::served::ServedCard;
+use retrace_tests::served::{ServedCard, resume_to_end};
 
 /// Two cuts of 60 mm, 3 s each.
 const PROGRAM: &str = "G21 G90 F1200\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
@@ -44,43 +44,11 @@ fn killed_and_resumed(faults: &str, script: &str, at_s: f64) -> Result<(), Strin
     host.kill().expect("it is killed");
     host.wait().expect("it ends");
     let mut told = std::fs::read_to_string(bench.path("killed.txt")).unwrap_or_default();
-    for _ in 0..6 {
-        let (code, out) = resumed(&bench);
-        told += &format!("--- resumed\n{out}");
-        match code {
-            Some(0) => break,
-            // a host that was kept from running: longer than the watchdog allows, or until the torch went off
-            Some(3) | None => {}
-            other => return Err(format!("{other:?} after {at_s} s\n{told}")),
-        }
-    }
+    told += &resume_to_end(&bench).map_err(|why| format!("after {at_s} s\n{told}{why}"))?;
     let _ = card.end();
     let judged = JudgedMachine { has_lead_ins: script.contains("shift"), ..JUDGED };
     let verdict = judge_served(&whole, bench.path("pins.vcd"), &judged);
     if verdict.is_good() { Ok(()) } else { Err(format!("{verdict:?} after {at_s} s\n{told}")) }
-}
-
-/// Resumes the job, and kills the host where it waits for an operator because the torch went off in the cut. Returns
-/// its exit code, if it was not killed, and its output.
-fn resumed(bench: &Bench) -> (Option<i32>, String) {
-    let mut host = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "resumed.txt");
-    let read = || std::fs::read_to_string(bench.path("resumed.txt")).unwrap_or_default();
-    let (begun, mut since) = (Instant::now(), Instant::now());
-    loop {
-        thread::sleep(Duration::from_millis(20));
-        assert!(begun.elapsed() < Duration::from_secs(60), "{}", read());
-        if let Some(status) = host.try_wait().expect("a child") {
-            return (status.code(), read());
-        }
-        let waits = ["at_rest", "lost"].iter().any(|why| read().contains(&format!("\"reason\":\"{why}\"")));
-        if !waits {
-            since = Instant::now();
-        } else if since.elapsed() > Duration::from_secs(15) {
-            host.kill().expect("it is killed");
-            host.wait().expect("it ends");
-            return (None, read());
-        }
-    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
-use retrace_tests::served::ServedCard;
+use retrace_tests::served::{ServedCard, resume_to_end, waits_for_recovery};
 use serde_json::json;
 
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
@@ -270,12 +270,10 @@ fn a_killed_host_leaves_the_height_known() {
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
     let mut host = bench.start(&run, Stdio::null(), "killed.txt");
     let text = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap_or_default();
-    wait_for("the cut", || text("killed.txt").contains("\"cut_mm\":2"));
+    wait_for("the cut", || text("killed.txt").contains("\"cut_mm\":2") || waits_for_recovery(&text("killed.txt")));
     host.kill().expect("it is killed");
     host.wait().expect("it ends");
-    let mut resumed = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "resumed.txt");
-    wait_for("the end", || resumed.try_wait().expect("a child").is_some());
-    let out = text("resumed.txt");
+    let out = resume_to_end(&bench).unwrap_or_else(|why| panic!("{why}"));
     assert!(out.contains("\"outcome\":\"completed\""), "{out}");
     let _ = card.end();
     let trace = samples(&bench.path("pins.vcd"));

@@ -6,10 +6,11 @@ use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, assert_contains};
+use retrace_tests::command::{Bench, assert_contains, retrace_command};
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
-use retrace_tests::served::ServedCard;
+use retrace_tests::served::{ServedCard, resume_to_end};
+use retrace_tests::terminal::Terminal;
 
 const PULSES: f64 = 200.0;
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Mesh\"\nkerf_mm = 1.4\n\
@@ -157,12 +158,47 @@ fn a_killed_host_leaves_the_torch_off_and_the_loss_watched() {
     }
     host.kill().expect("it is killed");
     host.wait().expect("it ends");
-    let resumed = bench.retrace(["resume", "--yes", "--json"]);
-    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
-    assert_contains(&resumed.out, &["\"watched\":false", "not_watched_mm"]);
+    let resumed = resume_to_end(&bench).unwrap_or_else(|why| panic!("{why}"));
+    assert_contains(&resumed, &["\"watched\":false", "not_watched_mm"]);
     let _ = card.end();
     let trace = samples(&vcd);
     assert_off_outside_of_cuts(&trace, "killed");
     let lit = trace.iter().filter(|sample| sample.is_on("spindle") && sample.line == 13);
     assert!(lit.clone().count() > 0 && lit.clone().all(|sample| sample.is_on("unwatched")));
+}
+
+/// A job at a terminal without a screen says how an interrupted cut goes on, and Enter is `recover`; where there is no
+/// terminal it says how to end it.
+#[test]
+fn a_lost_cut_is_recovered_at_a_plain_terminal() {
+    let bench = bench(PROGRAM);
+    let file = |name: &str| bench.path(name).display().to_string();
+    let (part, machine, journal) = (file("part.ngc"), file("m.toml"), file("jobs"));
+    let run = ["run", &part, "--machine", &machine, "--realtime", "--no-tui", "--journal", &journal];
+    let faults = ["--source-faults", "lose@10"];
+    let mut terminal = Terminal::running(&[&run[..], &faults].concat(), 200, 40);
+    terminal.wait_for_text("the cut of line 4 waits for `recover`; press Enter to resume, Ctrl-C to stop");
+    // Enter before the machine is at rest is refused, and asked for again.
+    for _ in 0..100 {
+        if terminal.text().contains("recover") && terminal.text().contains("igniting") {
+            break;
+        }
+        terminal.keys("\n");
+        thread::sleep(Duration::from_millis(100));
+    }
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
+    let run = ["run", "part.ngc", "--machine", "m.toml", "--realtime", "--json", "--journal", "jobs"];
+    let err = std::fs::File::create(bench.path("err.txt")).expect("a file of the test");
+    let mut command = retrace_command(run.iter().chain(&faults));
+    command.current_dir(bench.path("."));
+    let mut host = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(err).spawn().expect("the command runs");
+    let begun = Instant::now();
+    let told = || std::fs::read_to_string(bench.path("err.txt")).unwrap_or_default();
+    while !told().contains("no terminal to press Enter at: stop it with `kill ") {
+        assert!(begun.elapsed() < Duration::from_secs(30), "{}", told());
+        thread::sleep(Duration::from_millis(20));
+    }
+    assert!(told().contains("the cut of line 4 waits for `recover`"), "{}", told());
+    host.kill().expect("it is killed");
+    host.wait().expect("it ends");
 }
