@@ -261,7 +261,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
     /// Whether the card can control the height as these moves ask.
     fn supports_control(&self, moves: LayerMove) -> bool {
         let LayerMove::Start { control, .. } = moves else { return true };
-        control.iter().all(|of| of.is_valid(self.identity.inputs, self.identity.analog.inputs()))
+        control
+            .iter()
+            .all(|of| of.is_valid([self.identity.inputs, self.identity.analog.inputs(), self.identity.outputs]))
     }
 
     /// Accepts a command that concerns the path, the motion or an instruction, while an epoch is open and the counts

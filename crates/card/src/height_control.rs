@@ -8,7 +8,7 @@
 //! Invariant: it asks for a motion only within the range around the layer at which it took over, and never before that.
 
 use retrace_core::{Record, RecordIndex};
-use retrace_link::{HEIGHT_CONTROLS, HeightControlSettings, HeightSource, HeightState, RESUME_SHARE};
+use retrace_link::{HEIGHT_CONTROLS, HeightControlSettings, HeightSource, HeightState, OutputChange, RESUME_SHARE};
 
 /// Samples in a row with a steep slope, from which on the arc is over a void.
 const STEEP_SAMPLES: u8 = 2;
@@ -147,6 +147,18 @@ impl HeightControl {
     #[must_use]
     pub const fn state(&self) -> HeightState {
         self.state
+    }
+
+    /// Returns the output of another controller, which is on while that one may move the axis; `None` where there is
+    /// none.
+    #[must_use]
+    pub const fn external(&self) -> Option<OutputChange> {
+        match self.settings.source {
+            HeightSource::External { output } => {
+                Some(OutputChange { channel: output, value: matches!(self.state, HeightState::Active) as i32 })
+            }
+            _ => None,
+        }
     }
 
     /// Shifts the range: the path has moved the axis by so many pulses.
@@ -290,6 +302,7 @@ impl HeightControl {
 
     /// Whether the height is to stay in this period.
     const fn is_held(&self, now: &HeightConditions) -> bool {
+        // Another controller knows the height.
         let knows_height = self.filtered.is_some() || !matches!(self.settings.source, HeightSource::Volts { .. });
         now.is_held || now.is_slow_ahead || self.is_slow || self.void.jump.is_some() || !knows_height
     }

@@ -7,7 +7,7 @@
 //! Invariant: the increments sum to the layer; at rest at a target the layer is the target, to the pulse.
 
 use retrace_core::limits::PulseLimits;
-use retrace_link::{HEIGHT_CONTROLS, LayerMove, LayerSettings, OhmicSensing};
+use retrace_link::{HEIGHT_CONTROLS, LayerMove, LayerSettings, OhmicSensing, SheetSource};
 
 /// Maximum length of the average, in periods.
 const MAX_AVERAGE: usize = 64;
@@ -207,13 +207,23 @@ impl LayerDrive {
 
     /// Begins the moves before the switching. Returns whether there are any.
     pub fn begin_before(&mut self, moves: Option<LayerMove>) -> bool {
-        let Some(LayerMove::Start { start, lowest, pierce, may_skip, ohmic, .. }) = moves else { return false };
+        let Some(LayerMove::Start { start, lowest, pierce, sheet, .. }) = moves else { return false };
         (self.is_beside, self.is_steered) = (false, false);
-        match self.sheet.filter(|_| may_skip && self.is_sheet_kept) {
-            Some(sheet) => self.task = LayerTask::Return { target: sheet.saturating_add(pierce) },
+        let kept = self.sheet.filter(|_| self.is_sheet_kept);
+        let (known, ohmic) = match sheet {
+            SheetSource::Sensed(ohmic) => (None, ohmic),
+            SheetSource::Kept(ohmic) => (kept, ohmic),
+            SheetSource::Known(layer) => {
+                self.search = SheetSearch { start, lowest, ..SheetSearch::default() };
+                (self.sheet, self.is_sheet_kept) = (Some(layer), false);
+                (Some(layer), NO_OHMIC)
+            }
+        };
+        match known {
+            Some(layer) => self.task = LayerTask::Return { target: layer.saturating_add(pierce) },
             None => {
                 (self.sheet, self.is_sheet_kept) = (None, false);
-                let is_kept = !may_skip;
+                let is_kept = matches!(sheet, SheetSource::Sensed(_));
                 self.search = SheetSearch { start, lowest, height: pierce, is_kept, ohmic, ..SheetSearch::default() };
                 self.task = LayerTask::Approach;
             }

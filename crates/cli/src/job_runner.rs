@@ -35,6 +35,10 @@ use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::wait_notice::WaitWatch;
 
+/// Said at the start of a job whose height another controller controls (CUT-49).
+const EXTERNAL_HEIGHT: &str = "an external controller controls the height of the torch: while it does, the height is \
+    not known here, and every start senses the sheet";
+
 /// Options for output and operation of a job.
 #[derive(Debug)]
 pub struct OutputOptions<'a> {
@@ -158,6 +162,9 @@ impl JobRunner<'_> {
             period_s: machine.period_s(),
             last: None,
         };
+        if machine.height_control().is_some_and(|control| control.is_external()) {
+            observers.console.print_note(EXTERNAL_HEIGHT);
+        }
         let (decoder, last) = program.running(input);
         let (started, mut refused) = (Instant::now(), None);
         let agree = |prepared: &ResumePlan<A>| {

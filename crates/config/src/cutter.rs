@@ -335,9 +335,10 @@ impl CutterConfig {
 
     /// Its channels other than `fire`, with their purpose.
     pub(crate) fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
-        let all =
-            [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive"), (self.pressure, "pressure")];
-        all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
+        let flows = [(self.abrasive, "abrasive"), (self.pressure, "pressure")];
+        let enable = self.height.and_then(|height| height.enable);
+        let all = [(self.arm, "arm"), (self.assist, "assist"), (enable, "height enable")];
+        all.into_iter().chain(flows).filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
     }
 }
 

@@ -70,16 +70,23 @@ pub(crate) fn check_height_inputs(cutters: &[CutterConfig], card: &CardConfig) -
         if !cutter.sense.is_used() {
             return refuse("the sheet is not sensed", "`sense` with `contacts`: a cut begins at a known height");
         }
-        let digital = match (height.volts, height.up, height.down) {
-            (Some(number), None, None) => {
+        let digital = match (height.volts, height.up, height.down, height.enable) {
+            (None, None, None, Some(_)) => {
+                if cutter.sense.skip_mm > 0.0 {
+                    let what = "the height is not known behind a contour that another controller has followed";
+                    return refuse(what, "`skip_mm = 0` in `sense`: every start senses the sheet");
+                }
+                continue;
+            }
+            (Some(number), None, None, None) => {
                 if !card.analog_inputs.iter().any(|input| input.number == number) {
                     let what = format!("volts = {number}: there is no such analog input");
                     return refuse(&what, "`[[card.analog_input]]` with this number and the unit V");
                 }
                 continue;
             }
-            (None, Some(up), Some(down)) if up != down => [("up", up), ("down", down)],
-            _ => return refuse("it has no source, or two", "either `volts`, or `up` and `down`"),
+            (None, Some(up), Some(down), None) if up != down => [("up", up), ("down", down)],
+            _ => return refuse("it has no source, or two", "either `volts`, or `up` and `down`, or `enable`"),
         };
         for (key, number) in digital {
             let is_plain = card.inputs.get(usize::from(number)).is_some_and(|of| of.used_for == InputUse::Plain);

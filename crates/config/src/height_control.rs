@@ -12,8 +12,8 @@ use crate::axis::AxisConfig;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
-/// Height control, `height` of a `[[cutter]]`: by the arc voltage (`volts`), or by the two outputs of a separate height
-/// controller (`up` and `down`).
+/// Height control, `height` of a `[[cutter]]`: by the arc voltage (`volts`), by the two outputs of a separate height
+/// controller (`up` and `down`), or by another controller that moves the axis by itself (`enable`).
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HeightControlConfig {
@@ -26,6 +26,9 @@ pub struct HeightControlConfig {
     /// Input that is active while it is too high.
     #[schemars(range(max = 15))]
     pub down: Option<u8>,
+    /// Output that lets another controller move the tool axis by itself. The height is not known meanwhile.
+    #[schemars(range(max = 63))]
+    pub enable: Option<u8>,
     /// Maximum speed of the correction, in mm/s.
     #[schemars(range(min = 0.01, max = 500.0))]
     pub max_mm_per_s: f64,
@@ -66,6 +69,9 @@ pub struct HeightControlConfig {
     /// Distance in mm that it may be below it.
     #[schemars(range(min = 0.1, max = 200.0))]
     pub down_mm: f64,
+    /// Distance in mm that it keeps from the soft limits of its axis.
+    #[schemars(range(min = 0.0, max = 50.0))]
+    pub margin_mm: f64,
     /// Time at an end of that range after which the cut is interrupted, in ms.
     #[schemars(range(min = 1.0, max = 10_000.0))]
     pub limit_ms: f64,
@@ -80,6 +86,7 @@ impl Default for HeightControlConfig {
             volts: None,
             up: None,
             down: None,
+            enable: None,
             max_mm_per_s: 10.0,
             mm_per_s_per_volt: 0.5,
             filter_hz: 20.0,
@@ -93,6 +100,7 @@ impl Default for HeightControlConfig {
             end_mm: 0.0,
             up_mm: 5.0,
             down_mm: 5.0,
+            margin_mm: 1.0,
             limit_ms: 500.0,
             step_volts: 1.0,
         }
@@ -115,6 +123,7 @@ impl HeightControlConfig {
             ("end_mm", self.end_mm, [0.0, 100.0]),
             ("up_mm", self.up_mm, [0.1, 200.0]),
             ("down_mm", self.down_mm, [0.1, 200.0]),
+            ("margin_mm", self.margin_mm, [0.0, 50.0]),
             ("limit_ms", self.limit_ms, [1.0, 10_000.0]),
             ("step_volts", self.step_volts, [0.01, 20.0]),
         ];
@@ -150,6 +159,12 @@ impl<'m> HeightControlOfCutter<'m> {
         self.volts
     }
 
+    /// Whether another controller moves the tool axis: its height is not known then.
+    #[must_use]
+    pub const fn is_external(&self) -> bool {
+        self.config.enable.is_some()
+    }
+
     /// Difference of two readings for this difference in V; its sign is that of the input.
     #[must_use]
     pub fn readings(&self, volts: f64) -> f64 {
@@ -163,9 +178,10 @@ impl<'m> HeightControlOfCutter<'m> {
         let pulses = |mm: f64| (mm * self.axis.pulses_per_mm).round() as u32;
         let periods = |ms: f64| (ms / 1000.0 / period_s).round().clamp(0.0, f64::from(u16::MAX)) as u16;
         let per_period = |mm_per_s: f64| mm_per_s * self.axis.pulses_per_mm * period_s;
-        let source = match (self.volts, of.up, of.down) {
+        let source = match (self.volts, of.up, of.down, of.enable) {
             (Some(input), ..) => HeightSource::Volts { input: input.number },
-            (None, Some(up), Some(down)) => HeightSource::UpDown { up, down },
+            (None, Some(up), Some(down), _) => HeightSource::UpDown { up, down },
+            (None, _, _, Some(output)) => HeightSource::External { output },
             _ => HeightSource::None,
         };
         let reading = self.volts.map_or(0.0, AnalogInput::per_reading);
@@ -197,6 +213,7 @@ impl<'m> HeightControlOfCutter<'m> {
 mod tests {
     use super::*;
     use crate::MachineConfig;
+    use retrace_link::LayerMove;
 
     const TABLE: &str = "tool_axis = \"z\"\n[[card.analog_input]]\nnumber = 2\nname = \"arc\"\nunit = \"V\"\n\
         at_full = 256\n\
@@ -220,7 +237,7 @@ mod tests {
         assert_eq!((settings.slope, settings.void_periods), (128 << 16, 2000), "0.5 V a period");
         // 1 − e^(−2π · 20 Hz · 1 ms)
         assert_eq!((settings.filter, settings.hold_below.units()), (7_739, 29_491));
-        assert!(settings.is_valid(16, 4));
+        assert!(settings.is_valid([16, 4, 16]));
         assert_eq!(control.settings(0.0, 0.001)[0].target, 0, "it is sampled");
         assert!(machine.limits::<3>().feed_shares, "the card has to know the speed as a share of the feed");
     }
@@ -229,6 +246,9 @@ mod tests {
     fn what_cannot_be_is_refused_by_name() {
         for (height, part) in [
             ("height = {}\n", "height: it has no source"),
+            ("height = { volts = 2, enable = 3 }\n", "height: it has no source, or two"),
+            ("height = { enable = 64 }\n", "height enable = 64: there is no such output"),
+            ("arm = 3\nheight = { enable = 3 }\n", "height enable = 3: cutter torch uses it too"),
             ("height = { volts = 2, up = 1, down = 2 }\n", "height: it has no source, or two"),
             ("height = { volts = 1 }\n", "volts = 1: there is no such analog input"),
             ("height = { up = 7, down = 2 }\n", "up = 7: there is no such input, or it has another use"),
@@ -243,6 +263,38 @@ mod tests {
         let error = MachineConfig::parse(&without, "m.toml").expect_err("no sensing").cause;
         assert!(error.contains("height: the sheet is not sensed"), "{error}");
         assert!(machine("").expect("valid").height_control().is_none());
+        let skips = TABLE.replace("sheet_mm = -30", "sheet_mm = -30, skip_mm = 5") + "height = { enable = 3 }\n";
+        let error = MachineConfig::parse(&skips, "m.toml").expect_err("it skips the sensing").cause;
+        assert!(error.contains("height: the height is not known behind a contour"), "{error}");
+    }
+
+    #[test]
+    fn another_controller_is_enabled_by_an_output_of_the_cutter() {
+        let machine = machine("height = { enable = 3 }\n").expect("valid");
+        let control = machine.height_control().expect("it has one");
+        let [settings] = control.settings(100.0, 0.001);
+        assert_eq!((settings.source, settings.target), (HeightSource::External { output: 3 }, 0));
+        assert!(control.is_external() && settings.is_valid([16, 4, 4]));
+        assert_eq!(machine.channel_name(3), "torch height enable");
+        assert!(machine.card.off_at_fault.contains(&3), "it is off at a fault");
+    }
+
+    /// The sheet is sensed, and the height controlled, within the soft limits less the margin.
+    #[test]
+    fn a_margin_is_kept_from_the_soft_limits() {
+        let bounds = |height: &str| {
+            let axis = "[[axis]]\nname = \"z\"\npulses_per_mm = 100\nmax_velocity_mm_per_s = 60\n\
+                        max_acceleration_mm_per_s2 = 600\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-41, -20]\n";
+            let text = format!("{}{height}[card]\n", TABLE.replace("[[card", &format!("{axis}[[card")));
+            let machine = MachineConfig::parse(&text, "m.toml").expect("valid");
+            match machine.tool_layer().expect("it senses").start(0.0, [4.0, 2.0], false, Default::default()) {
+                LayerMove::Start { start, lowest, .. } => [lowest, start],
+                _ => unreachable!(),
+            }
+        };
+        assert_eq!(bounds(""), [-4000, -2000]);
+        assert_eq!(bounds("height = { volts = 2 }\n"), [-4000, -2100]);
+        assert_eq!(bounds("height = { volts = 2, margin_mm = 50 }\n"), [-3050, -3050], "no further than the middle");
     }
 
     #[test]
@@ -257,7 +309,7 @@ mod tests {
                 let text = format!("{TABLE}height = {{ volts = 2, {height} }}\n").replace("at_full = 256", input);
                 let machine = MachineConfig::parse(&text, "m.toml").expect("valid");
                 let [settings] = machine.height_control().expect("it has one").settings(120.0, period);
-                assert!(settings.is_valid(16, 4), "{settings:?}");
+                assert!(settings.is_valid([16, 4, 16]), "{settings:?}");
             }
         }
     }

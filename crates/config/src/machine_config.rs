@@ -383,7 +383,8 @@ impl MachineConfig {
     pub fn tool_layer(&self) -> Option<ToolLayer<'_>> {
         let cutter = self.cutters.iter().find(|cutter| cutter.sense.is_used())?;
         let index = self.setting_up.tool_axis?;
-        Some(ToolLayer::new(&cutter.sense, cutter.fire, (index, self.axes.get(index)?)))
+        let layer = ToolLayer::new(&cutter.sense, cutter.fire, (index, self.axes.get(index)?));
+        Some(layer.with_margin(cutter.height.map_or(0.0, |height| height.margin_mm)))
     }
 
     /// How the height of the cutter that senses the sheet is controlled, if it is.

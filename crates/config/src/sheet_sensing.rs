@@ -2,7 +2,7 @@
 //!
 //! Invariant: where a checked cutter senses the sheet, the moves of the layer stay within the travel of the tool axis.
 
-use retrace_link::{HeightControls, LayerMove, LayerSettings, OhmicSensing};
+use retrace_link::{HeightControls, LayerMove, LayerSettings, OhmicSensing, SheetSource};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -132,11 +132,20 @@ pub struct ToolLayer<'m> {
     pub index: usize,
     /// Channel that fires the cutter.
     pub fire: u8,
+    /// Distance in mm that it keeps from the soft limits of the axis while the sheet is sensed and the height is
+    /// controlled.
+    margin_mm: f64,
 }
 
 impl<'m> ToolLayer<'m> {
     pub(crate) fn new(sensing: &'m SheetSensing, fire: u8, (index, axis): (usize, &'m AxisConfig)) -> Self {
-        Self { sensing, axis, index, fire }
+        Self { sensing, axis, index, fire, margin_mm: 0.0 }
+    }
+
+    /// Keeps this distance in mm from the soft limits, or the middle of the travel.
+    pub(crate) fn with_margin(self, margin_mm: f64) -> Self {
+        let [lowest_mm, highest_mm] = self.axis.travel_mm;
+        Self { margin_mm: margin_mm.min((highest_mm - lowest_mm) / 2.0), ..self }
     }
 
     fn pulses(&self, mm: f64) -> i32 {
@@ -167,23 +176,21 @@ impl<'m> ToolLayer<'m> {
     ) -> LayerMove {
         let SheetSensing { sheet_mm, start_mm, below_mm, float_travel_mm, .. } = *self.sensing;
         let [lowest_mm, highest_mm] = self.axis.travel_mm;
-        let layer = |mm: f64| self.pulses(mm.clamp(lowest_mm, highest_mm) - path_mm);
+        let (lowest_mm, highest_mm) = (lowest_mm + self.margin_mm, highest_mm - self.margin_mm);
+        let layer = |mm: f64| self.pulses(mm.max(lowest_mm).min(highest_mm) - path_mm);
+        let has_ohmic = !self.sensing.ohmic.is_empty();
+        let ohmic = OhmicSensing {
+            inputs: self.sensing.ohmic.iter().fold(0, |bits, &number| bits | 1 << number),
+            tries: self.sensing.ohmic_tries,
+            drop: if has_ohmic { self.pulses(float_travel_mm + self.sensing.ohmic_offset_mm) } else { 0 },
+        };
         LayerMove::Start {
             start: layer(sheet_mm + start_mm),
             lowest: layer(sheet_mm - below_mm - float_travel_mm),
             pierce: self.pulses(pierce_mm + float_travel_mm),
             cut: self.pulses(cut_mm + float_travel_mm),
-            may_skip,
+            sheet: if may_skip { SheetSource::Kept(ohmic) } else { SheetSource::Sensed(ohmic) },
             control,
-            ohmic: OhmicSensing {
-                inputs: self.sensing.ohmic.iter().fold(0, |bits, &number| bits | 1 << number),
-                tries: self.sensing.ohmic_tries,
-                drop: if self.sensing.ohmic.is_empty() {
-                    0
-                } else {
-                    self.pulses(float_travel_mm + self.sensing.ohmic_offset_mm)
-                },
-            },
         }
     }
 
@@ -247,7 +254,7 @@ impl<'m> ToolLayer<'m> {
         let SheetSensing { below_mm, probe_mm_per_s, latch_mm_per_s, .. } = *self.sensing;
         let rapid = self.axis.max_velocity_mm_per_s;
         match (moves, sheet) {
-            (LayerMove::Start { pierce, cut, may_skip: true, .. }, Some(sheet)) => {
+            (LayerMove::Start { pierce, cut, sheet: SheetSource::Kept(_), .. }, Some(sheet)) => {
                 let seconds = self.move_s(from, sheet + pierce, rapid) + self.move_s(pierce, cut, rapid);
                 (seconds, sheet + cut, Some(sheet))
             }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use retrace_config::{CutterConfig, EncoderConfig, MachineConfig};
 use retrace_core::Flags;
 use retrace_gcode::Probing;
-use retrace_link::{LayerMove, OutputChange, channel};
+use retrace_link::{LayerMove, OutputChange, SheetSource, channel};
 use retrace_motion::{Arc, FeedRate, LimitError, PathMode, PlanFallbacks, Planner};
 
 use crate::abrasive_flow::AbrasiveFlow;
@@ -268,7 +268,8 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             return 0;
         };
         let (at, sheet) = self.layer;
-        let takes_earlier_height = matches!(moves, LayerMove::Start { may_skip: true, .. }) && sheet.is_some();
+        let takes_earlier_height =
+            matches!(moves, LayerMove::Start { sheet: SheetSource::Kept(_), .. }) && sheet.is_some();
         self.sensings += u64::from(matches!(moves, LayerMove::Start { .. }) && !takes_earlier_height);
         let (seconds, at, sheet) = layer.usual_s(moves, at, sheet);
         self.layer = (at, sheet);

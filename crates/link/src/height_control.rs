@@ -31,6 +31,12 @@ pub enum HeightSource {
         /// Number of the input that moves it down.
         down: u8,
     },
+    /// Another controller, which moves the axis by itself while this digital output is on. The card moves nothing, and
+    /// does not know the height meanwhile.
+    External {
+        /// Channel of the output.
+        output: u8,
+    },
 }
 
 /// Settings of height control. Readings are those of an analog input, in units of 2⁻¹⁶ of its range.
@@ -95,16 +101,18 @@ impl HeightControlSettings {
         limit_periods: 0,
     };
 
-    /// Whether the values are within their ranges, on a card with these numbers of digital and analog inputs.
+    /// Whether the values are within their ranges, on a card with these numbers of digital and analog inputs and of
+    /// digital outputs.
     #[must_use]
-    pub fn is_valid(&self, inputs: u8, analog_inputs: u8) -> bool {
-        let has_inputs = match self.source {
+    pub fn is_valid(&self, [inputs, analog_inputs, outputs]: [u8; 3]) -> bool {
+        let has_its_own = match self.source {
             HeightSource::None => return *self == Self::NONE,
             HeightSource::Volts { input } => input < analog_inputs && self.gain != 0,
             HeightSource::UpDown { up, down } => up < inputs.min(16) && down < inputs.min(16) && up != down,
+            HeightSource::External { output } => output < outputs.min(64),
         };
         let is_bounded = self.up <= MAX_LAYER && self.down <= MAX_LAYER;
-        has_inputs && is_bounded && self.speed > 0 && self.samples > 0 && self.hold_below <= RESUME_SHARE
+        has_its_own && is_bounded && self.speed > 0 && self.samples > 0 && self.hold_below <= RESUME_SHARE
     }
 }
 

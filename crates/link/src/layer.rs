@@ -32,13 +32,25 @@ pub struct OhmicSensing {
     pub drop: i32,
 }
 
+/// Where a start has the height of the sheet from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SheetSource {
+    /// It senses the sheet, with these ohmic contacts.
+    Sensed(OhmicSensing),
+    /// The sheet that an earlier start found counts, if nothing has happened since; otherwise this one senses it, and
+    /// what it finds counts for no later one.
+    Kept(OhmicSensing),
+    /// The sheet is at this layer, where the tool was over it before: nothing is sensed (CUT-54).
+    Known(i32),
+}
+
 /// Moves of the layer in an instruction, in pulses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LayerMove {
-    /// Before anything is switched, the sheet is sensed and the tool brought over it. Behind the pierce it goes to the
+    /// Before anything is switched, the sheet is found and the tool brought over it. Behind the pierce it goes to the
     /// height of the cut (CUT-13).
     Start {
-        /// Layer from which the sheet is sensed.
+        /// Layer from which the sheet is sensed, and the highest one in the cut.
         start: i32,
         /// Layer at which a sheet that was not found is missing.
         lowest: i32,
@@ -46,11 +58,8 @@ pub enum LayerMove {
         pierce: i32,
         /// Height over the sheet with which the cut begins.
         cut: i32,
-        /// Whether the sheet that an earlier start found counts, if nothing has happened since. What this start finds
-        /// counts for no later one.
-        may_skip: bool,
-        /// Its ohmic contacts.
-        ohmic: OhmicSensing,
+        /// How the sheet is found.
+        sheet: SheetSource,
         /// Control of the height behind it.
         control: HeightControls,
     },
@@ -73,7 +82,12 @@ impl LayerMove {
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let values = match *self {
-            Self::Start { start, lowest, pierce, cut, ohmic, .. } => [start, lowest, pierce, cut, ohmic.drop],
+            Self::Start { start, lowest, pierce, cut, sheet, .. } => {
+                let (SheetSource::Sensed(OhmicSensing { drop: last, .. })
+                | SheetSource::Kept(OhmicSensing { drop: last, .. })
+                | SheetSource::Known(last)) = sheet;
+                [start, lowest, pierce, cut, last]
+            }
             Self::OverSheet { height, highest } => [height, highest, 0, 0, 0],
             Self::To { layer } => [layer, 0, 0, 0, 0],
         };

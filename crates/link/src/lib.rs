@@ -53,7 +53,7 @@ pub use height_control::{
     HEIGHT_CONTROLS, HeightControlSettings, HeightControls, HeightSource, HeightState, MAX_LAYER, RESUME_SHARE,
 };
 pub use host::{HostEndpoint, LineCounts, LinkError};
-pub use layer::{LayerMove, LayerSettings, OhmicSensing};
+pub use layer::{LayerMove, LayerSettings, OhmicSensing, SheetSource};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
 pub use outputs::{ANALOG_INPUTS, AnalogInputs, Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};

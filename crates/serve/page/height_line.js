@@ -13,6 +13,7 @@ const HEIGHT_WORDS = {
   active: ['active', 'Height control moves the torch'],
   held: ['held', 'The height is held: a corner, a void, a kerf, or the program'],
   at_limit: ['AT LIMIT', 'The torch is at the end of its range'],
+  external: ['external', 'The external controller moves the torch: its height is not known here'],
   stopped: ['OFF', 'The operator has switched height control off'],
 };
 const KEYS = [
@@ -93,7 +94,8 @@ export class HeightLine {
       setText(this.text, 'height over time');
       return;
     }
-    const state = height.is_on ? height.state : 'stopped',
+    const acting = height.is_external && height.state === 'active' ? 'external' : height.state,
+      state = height.is_on ? acting : 'stopped',
       [word, sentence] = HEIGHT_WORDS[state];
     const parts = [word, height.volts === null ? '– V' : `${height.volts.toFixed(1)} V`];
     if (height.offset_volts !== 0) parts.push(`${height.offset_volts > 0 ? '+' : ''}${height.offset_volts} V`);

@@ -384,6 +384,8 @@ struct LayerView {
 struct HeightView {
     state: &'static str,
     is_on: bool,
+    /// Whether another controller moves the axis while it is active.
+    is_external: bool,
     volts: Option<f64>,
     /// The voltage that it aims at, where it is known.
     target_volts: Option<f64>,
@@ -461,6 +463,7 @@ impl LiveView {
             height: HeightFigures::of(model).map(|of| HeightView {
                 state: of.state,
                 is_on: of.is_on,
+                is_external: of.is_external,
                 volts: of.volts.map(|volts| rounded(volts, 10.0)),
                 target_volts: of.target_volts.map(|volts| rounded(volts, 100.0)),
                 offset_volts: rounded(of.offset_volts, 100.0),

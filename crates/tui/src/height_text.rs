@@ -13,6 +13,8 @@ pub struct HeightFigures {
     pub state: &'static str,
     /// Whether the operator lets it act.
     pub is_on: bool,
+    /// Whether another controller moves the axis while it is active.
+    pub is_external: bool,
     /// The arc voltage, V.
     pub volts: Option<f64>,
     /// The voltage that it aims at, V: that of the material of the contour that is cut, and what the operator adds.
@@ -31,7 +33,8 @@ pub struct ToolHeight {
     pub axis: usize,
     /// Work position of the axis on the path, mm, once the card has reported it.
     pub path_mm: Option<f64>,
-    /// What sensing and height control add to it, mm, once the card has reported it.
+    /// What sensing and height control add to it, mm, once the card has reported it. Not known where another
+    /// controller moves the axis.
     pub layer_mm: Option<f64>,
 }
 
@@ -41,8 +44,10 @@ impl ToolHeight {
     pub fn of(model: &ScreenModel) -> Option<Self> {
         let axis = model.facts.layer_axis?;
         let facts = model.facts.axes.get(axis)?;
-        let layer_mm = (model.period > 0).then(|| model.layer as f64 / facts.pulses_per_mm);
-        Some(Self { axis, path_mm: layer_mm.map(|layer_mm| model.work_mm(axis) - layer_mm), layer_mm })
+        let is_external = model.facts.height.as_ref().is_some_and(|height| height.is_external);
+        let counted_mm = (model.period > 0).then(|| model.layer as f64 / facts.pulses_per_mm);
+        let path_mm = counted_mm.map(|layer_mm| model.work_mm(axis) - layer_mm);
+        Some(Self { axis, path_mm, layer_mm: counted_mm.filter(|_| !is_external) })
     }
 }
 
@@ -65,6 +70,7 @@ impl HeightFigures {
                 HeightState::AtLimit => "at_limit",
             },
             is_on,
+            is_external: facts.is_external,
             volts: input.zip(reading).map(|(input, reading)| input.amount(reading)),
             target_volts: input.and_then(|_| material_volts(model)).map(|volts| volts + offset_volts),
             offset_volts,
@@ -79,6 +85,7 @@ impl HeightFigures {
             _ if !self.is_on => "OFF by the operator",
             "off" => "off",
             "waiting" => "waits for the feed",
+            "active" if self.is_external => "by the external controller",
             "active" => "active",
             "held" => "held",
             _ => "AT THE END OF ITS RANGE",
@@ -108,6 +115,7 @@ mod tests {
         let figures = HeightFigures {
             state: "active",
             is_on: true,
+            is_external: false,
             volts: Some(115.26),
             target_volts: Some(115.0),
             offset_volts: 0.0,
@@ -120,5 +128,7 @@ mod tests {
         assert_eq!(off.text(), "height control OFF by the operator · arc 115.3 V · layer +0.00 mm");
         let unknown = HeightFigures { volts: None, layer_mm: None, ..figures };
         assert_eq!(unknown.text(), "height control active · layer –");
+        let external = HeightFigures { is_external: true, ..unknown };
+        assert_eq!(external.text(), "height control by the external controller · layer –");
     }
 }

@@ -101,6 +101,8 @@ pub enum ProgramCheck {
 pub struct HeightFacts {
     /// The analog input that reads the arc voltage, if one does.
     pub volts: Option<AnalogInput>,
+    /// Whether another controller moves the tool axis: the height is not known then.
+    pub is_external: bool,
 }
 
 /// Facts about machine and program.
@@ -159,7 +161,9 @@ impl ProgramFacts {
             machine: machine.name.clone(),
             axes: axes.collect(),
             encoder: machine.encoder,
-            height: machine.height_control().map(|of| HeightFacts { volts: of.volts_input().cloned() }),
+            height: machine
+                .height_control()
+                .map(|of| HeightFacts { volts: of.volts_input().cloned(), is_external: of.is_external() }),
             period_s: machine.period_s(),
             program: Text::new(name, text),
             start_position_mm: machine.stands_at_mm.clone(),

@@ -230,7 +230,12 @@ fn a_board_without_height_control_refuses_the_machine() {
 #[test]
 fn a_machine_without_a_voltage_refuses_its_words() {
     const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X110\nM5\nM2\n";
-    for (height, wanted) in [("", "has no `height`"), ("height = { up = 3, down = 4 }\n", "controlled by two inputs")] {
+    let separate = "controlled by a separate controller";
+    for (height, wanted) in [
+        ("", "has no `height`"),
+        ("height = { up = 3, down = 4 }\n", separate),
+        ("height = { enable = 3 }\n", separate),
+    ] {
         let bench = Bench::new();
         let cutter = machine(&format!("{SENSE} }}\n{}", height.trim_end().trim_end_matches('}')));
         let cutter = if height.is_empty() { machine(SENSE) } else { cutter };
@@ -244,6 +249,41 @@ fn a_machine_without_a_voltage_refuses_its_words() {
         let refused: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
         assert!(refused.len() == 1 && refused[0].contains(wanted), "{refused:?} {}", run.output.out);
     }
+}
+
+/// Another controller has the tool axis at the feed, and not in a corner, over a known kerf, in a hold or without an
+/// arc. Every start senses the sheet, and what is not known is said and not shown.
+#[test]
+fn another_controller_has_the_axis_where_the_height_may_change() {
+    const PROGRAM: &str =
+        "G21 G90 F3000\nG0 X100 Y-20\nM3 S1\nG1 Y20\nM5\nG0 X10 Y0\nM3\nG1 X160\nG1 Y60\nM5\nG0 X0 Y0\nM2\n";
+    const ENABLED: fn(&Sample) -> bool = |sample| sample.is_on("out3");
+    let bench = Bench::new();
+    let cutter = machine(&format!("{SENSE} }}\nheight = {{ enable = 3, delay_s = 0.1"));
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &cutter), ("materials.toml", MATERIALS)] {
+        bench.file(name, text);
+    }
+    let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+    let script =
+        bench.file("s.op", "at line 8 override 100%\nafter 2.3s hold\nafter 2s recover\n").display().to_string();
+    let trace = vcd.display().to_string();
+    let run =
+        Run::of(&bench, &bench.path("part.ngc"), &["--machine", &machine, "--vcd", &trace, "--operator", &script]);
+    assert_eq!((&run.report["outcome"], run.number("not_cut_mm")), (&json!("completed"), 0.0), "{}", run.output.err);
+    assert_contains(&run.output.err, &["an external controller controls the height of the torch"]);
+    let trace = samples(&vcd);
+    let kerf = |sample: &Sample| sample.line >= 7 && (x(sample) - 100.0).abs() < 1.4 && sample.counts[1] == 0;
+    let is_cutting_there = |sample: &&Sample| sample.is_on("spindle");
+    assert!(trace.iter().filter(|sample| ENABLED(sample)).all(|sample| sample.is_on("spindle") && !kerf(sample)));
+    assert!(trace.iter().filter(is_cutting_there).filter(|sample| kerf(sample)).count() > 10);
+    let enabled = |from: f64, to: f64| {
+        let within = |sample: &&Sample| (from..to).contains(&x(sample)) && sample.counts[1] == 0;
+        trace.iter().filter(within).any(ENABLED)
+    };
+    assert!(enabled(30.0, 90.0) && enabled(105.0, 140.0) && !enabled(159.5, 161.0));
+    let touches = trace.windows(2).filter(|pair| pair[0].inputs >> 7 & 1 == 0 && pair[1].inputs >> 7 & 1 == 1).count();
+    assert_eq!(touches, 3, "two starts and a restart");
+    assert_eq!(trace.last().map(|sample| sample.counts[2] + sample.layer), Some(0));
 }
 
 /// The shipped example, over the sheet of its page.
@@ -335,6 +375,43 @@ fn a_cut_that_is_lost_over_a_kerf_is_recovered() {
     let cut: Vec<&[Sample]> = cut.filter(|pair| x(&pair[1]) > 200.0).collect();
     let worst = cut.iter().map(|pair| (height(&pair[1], RISE) - HEIGHT).abs()).fold(0.0, f64::max);
     assert!(cut.len() > 4_000 && worst <= 0.5, "{worst} mm");
+}
+
+/// Behind a loss the sheet is sensed anew. Where `skip_mm` allows a start without it, the torch begins at the height
+/// that it had there, also where the sheet is warped and the torch stands over its own kerf; not behind a pause, in
+/// which the consumables or the sheet may have been changed.
+#[test]
+fn a_restart_takes_the_height_that_was_recorded() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X10\nM3 S1\nG1 X460\nM5\nG0 X0\nM2\n";
+    const PAUSED: &str = "at 12s pause\nafter 2s online\nafter 1s cycle start\nafter 4s recover\n";
+    for (skip, script, senses) in [
+        ("", "at 12s recover\n", true),
+        (", skip_mm = 20", "at 12s recover\n", false),
+        (", skip_mm = 20", PAUSED, true),
+    ] {
+        let case = format!("{skip}, {script}");
+        let bench = bench("delay_s = 0.1", PROGRAM);
+        let machine = std::fs::read_to_string(bench.path("m.toml")).expect("a file of the test");
+        bench.file("m.toml", machine.replace("float_travel_mm = 1.2", &format!("float_travel_mm = 1.2{skip}")));
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let faults = format!("warp={RISE},lose@220");
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", &faults, "--operator", &operator];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        assert_eq!((&run.report["outcome"], run.number("not_cut_mm")), (&"completed".into(), 0.0), "{case}");
+        // A pause makes the layer a part of the way back, which is no part of the rows.
+        if script != PAUSED {
+            run.assert_exact_and_legal();
+        }
+        let trace = samples(&vcd);
+        let lost = trace.windows(2).position(|pair| pair[0].is_on("spindle") && !pair[1].is_on("spindle"));
+        let behind = &trace[lost.expect("it is lost")..];
+        assert_eq!(behind.iter().any(|sample| sample.inputs >> 7 & 1 == 1), senses, "{case}");
+        let cut = behind.windows(2).filter(|pair| is_cutting(pair));
+        let worst = cut.map(|pair| (height(&pair[1], RISE) - HEIGHT).abs()).fold(0.0, f64::max);
+        assert!(worst > 0.0 && worst <= 0.5, "{case}: {worst} mm");
+        assert_eq!(trace.last().map(|sample| sample.counts[2] + sample.layer), Some(0), "{case}");
+    }
 }
 
 /// The arc is lost where the program holds the height: the restart begins with that, and it ends where the program

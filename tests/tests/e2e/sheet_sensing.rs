@@ -86,10 +86,9 @@ fn a_start_near_the_last_one_does_not_sense() {
 }
 
 /// Behind a loss, a hold, the operator's cutter off and a program stop, every start senses until the place of the last
-/// sensing is left; a restart senses always.
+/// sensing is left. A restart in motion takes the height that the torch had there; with `skip_mm = 0` it senses.
 #[test]
 fn a_start_behind_a_fault_senses() {
-    let sense = "skip_mm = 100";
     let held = "at line 4 override 100%\nafter 0.5s hold\nafter 2s recover\n";
     for (faults, script, program) in [
         ("lose@20", "at 9s recover\nafter 9s recover\n", PROGRAM.to_owned()),
@@ -97,15 +96,21 @@ fn a_start_behind_a_fault_senses() {
         ("", &held.replace("hold", "cutter off"), PROGRAM.to_owned()),
         ("", "at 9s resume\nafter 9s resume\n", PROGRAM.replace("G0 X60", "M0\nG0 X60")),
     ] {
-        let (run, trace) = run(sense, &program, faults, script);
+        let places_sensed =
+            |trace: &[Sample]| -> Vec<i64> { touches(trace, FLOAT).iter().map(|mm| mm.round() as i64).collect() };
+        let (run, trace) = run("skip_mm = 100", &program, faults, script);
         assert_heights(&run, &trace, SHEET);
         assert_eq!(run.number("not_cut_mm"), 0.0, "{faults} {script}");
-        let places: Vec<i64> = touches(&trace, FLOAT).iter().map(|mm| mm.round() as i64).collect();
+        let places = places_sensed(&trace);
         assert_eq!((places[0], places.contains(&60), places.contains(&200)), (10, true, true), "{script} {places:?}");
         // X200 is sensed by the program, so that X210 does without it.
         assert!(!places.contains(&210), "{script}: {places:?}");
+        let senses_within = |places: &[i64]| places.iter().any(|place| (11..=40).contains(place));
+        assert!(!senses_within(&places), "{script}: the restart: {places:?}");
         if !program.contains("M0") {
-            assert!(places.iter().any(|place| (11..=40).contains(place)), "{script}: the restart: {places:?}");
+            let (always, trace) = self::run("", &program, faults, script);
+            assert_heights(&always, &trace, SHEET);
+            assert!(senses_within(&places_sensed(&trace)), "{script}: without skip_mm");
         }
     }
 }

@@ -11,7 +11,7 @@ use retrace_core::{Distance, FeedShare, Flags, Place, Rate, Record, RecordIndex}
 use retrace_link::{
     BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings,
     HeightControls, HostCommand, InputSetting, InputUse, Instruction, LINEAR_POWER, LayerMove, LayerSettings,
-    OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel,
+    OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, SheetSource, channel,
 };
 
 const TORCH: u8 = 3;
@@ -70,15 +70,18 @@ fn any_moves(draw: &mut Draw) -> Option<LayerMove> {
     let (a, b, c, d) = (to(), to(), to(), to());
     match draw.below(6) {
         0 => {
-            let (may_skip, ohmic) = (a & 1 == 0, OhmicSensing { inputs: FLOAT, tries: 1, drop: c });
-            let ohmic = if b & 1 == 0 { ohmic } else { OhmicSensing::default() };
+            let ohmic = if b & 1 == 0 { OhmicSensing { inputs: FLOAT, tries: 1, drop: c } } else { Default::default() };
+            let sheet = match a & 3 {
+                0 | 2 => SheetSource::Kept(ohmic),
+                1 => SheetSource::Sensed(ohmic),
+                _ => SheetSource::Known(d),
+            };
             Some(LayerMove::Start {
                 start: a.max(b),
                 lowest: a.min(b),
                 pierce: c.abs(),
                 cut: d.abs(),
-                may_skip,
-                ohmic,
+                sheet,
                 control: HeightControls::default(),
             })
         }

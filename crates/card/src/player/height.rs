@@ -17,6 +17,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// part of the path before.
     pub(super) fn open_layer(&mut self, settings: &CardSettings<A>, most: u16) {
         for control in &mut self.height {
+            control.external().into_iter().for_each(|change| self.outputs.set(OutputChange { value: 0, ..change }));
             control.configure(&HeightControlSettings::NONE);
             self.outputs.set(OutputChange { channel: channel::HEIGHT_HOLD, value: 0 });
         }
@@ -92,6 +93,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let Some(control) = self.height.first_mut() else { return };
         if proven.is_none() && !is_busy {
             // The cut is over: what is lit next may be another cutter.
+            control.external().into_iter().for_each(|change| self.outputs.set(OutputChange { value: 0, ..change }));
             control.configure(&HeightControlSettings::NONE);
         }
         if let HeightSource::Volts { input } = control.settings().source {
@@ -104,6 +106,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             HeightOrder::Stay => self.layer.stop(),
             HeightOrder::Toward { end, speed } => self.layer.steer(end, speed),
         }
+        control.external().into_iter().for_each(|change| self.outputs.set(change));
         if control.has_failed() {
             self.switch_cutters_off(CutterOffCause::HeightLimit);
             self.block = MotionBlock::CutterOff;

@@ -8,7 +8,7 @@ use retrace_core::{FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, HeightControlSettings,
     HeightSource, HeightState, HostCommand, InputSetting, Instruction, LayerMove, OutputAction, OutputChange,
-    ProofInput, channel,
+    PathStart, ProofInput, channel,
 };
 
 use crate::common::STOP;
@@ -60,8 +60,8 @@ impl Cut {
     }
 
     fn with(control: HeightControlSettings, records: u32, mut settings: CardSettings<2>) -> Self {
-        let LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, .. } = START else { unreachable!() };
-        let start = LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] };
+        let LayerMove::Start { start, lowest, pierce, cut, sheet, .. } = START else { unreachable!() };
+        let start = LayerMove::Start { start, lowest, pierce, cut, sheet, control: [control] };
         settings.inputs[3] = InputSetting::default();
         let mut table = Table::with(Some(SHEET), &settings);
         table.send(HostCommand::Trim { high: RecordIndex::new(0) });
@@ -312,6 +312,70 @@ fn two_inputs_move_the_torch() {
     cut.table.assert_limits();
 }
 
+const EXTERNAL: HeightControlSettings =
+    HeightControlSettings { source: HeightSource::External { output: ENABLE }, target: 0, gain: 0, slope: 0, ..VOLTS };
+/// Output that lets another controller move the axis.
+const ENABLE: u8 = 3;
+
+/// Another controller may move the axis at the feed, behind the delay, and not in a corner; the card moves nothing.
+#[test]
+fn another_controller_is_enabled_where_the_height_may_change() {
+    let mut cut =
+        Cut::new(EXTERNAL, 1200).with_share(|place| if (600..640).contains(&place) { 16_384 } else { 1 << 15 });
+    cut.noise = |_| 3_000;
+    let layer = cut.table.status().layer;
+    let seen = cut.run_to_end();
+    assert!(seen.iter().all(|seen| seen.2.layer == layer));
+    let is_enabled = |status: &CardStatus<2>| status.outputs[usize::from(ENABLE)] == 1;
+    let enabled: Vec<u32> = seen.iter().filter(|seen| is_enabled(&seen.2)).map(|seen| seen.0).collect();
+    let (first, corner) = (enabled[0], enabled.iter().filter(|&&place| (575..=640).contains(&place)).count());
+    assert!((45..60).contains(&first) && corner == 0 && enabled.len() > 1_000, "{first} {corner} {}", enabled.len());
+    for status in seen.iter().map(|seen| &seen.2) {
+        assert_eq!(is_enabled(status), status.height_state() == HeightState::Active);
+        assert!(!is_enabled(status) || status.outputs[usize::from(TORCH)] == 1);
+    }
+}
+
+/// Whatever ends a cut, and a new epoch, takes the axis from another controller at once, whatever a program or an
+/// operator switches.
+#[test]
+fn another_controller_is_disabled_with_the_cut() {
+    for way in 0..7 {
+        let mut cut = Cut::new(EXTERNAL, 3000);
+        assert_eq!(cut.periods(300).outputs[usize::from(ENABLE)], 1);
+        let hold = OutputChange { channel: channel::HEIGHT_HOLD, value: 1 };
+        let torch_off = OutputChange { channel: TORCH, value: 0 };
+        match way {
+            0 => cut.table.send(HostCommand::rate(Rate::ZERO)),
+            1 => cut.table.send(HostCommand::ManualOutput(torch_off)),
+            2 => cut.table.send(HostCommand::rate(-Rate::ONE)),
+            3 => cut.table.is_silent = true,
+            4 => cut.table.levels = STOP,
+            5 => cut.table.send(HostCommand::ManualOutput(hold)),
+            _ => cut.table.send(HostCommand::ManualOutput(OutputChange { channel: ENABLE, value: 0 })),
+        }
+        let mut is_enabled = vec![];
+        for _ in 0..200 {
+            let outputs = cut.period().outputs;
+            is_enabled.push(outputs[usize::from(ENABLE)] == 1);
+            assert!(outputs[usize::from(TORCH)] == 1 || outputs[usize::from(ENABLE)] == 0, "{way}");
+        }
+        // In the last case the card has it on again in the next period.
+        assert_eq!(is_enabled[199], way == 6, "{way}");
+        if matches!(way, 1 | 5) {
+            assert!(!is_enabled[1], "{way}");
+        }
+    }
+    let mut cut = Cut::new(EXTERNAL, 3000);
+    assert_eq!(cut.periods(300).outputs[usize::from(ENABLE)], 1);
+    cut.table.send(HostCommand::rate(Rate::ZERO));
+    cut.periods(100);
+    let place = cut.table.status().place;
+    let start = PathStart { place, rests: false, ..PathStart::at(place.boundary_ahead()) };
+    cut.table.card.open(&CardSettings { epoch: 9, start, ..layer_settings(1) }).expect("it is at rest");
+    assert_eq!(cut.periods(5).outputs[usize::from(ENABLE)], 0);
+}
+
 /// What ends a cut ends the control: a hold, the torch switched off, reverse, a silent host, an emergency stop. The
 /// layer rests, and nothing but a new start begins it again.
 #[test]
@@ -549,8 +613,8 @@ fn an_epoch_begins_with_the_height_free() {
 #[test]
 fn control_that_the_card_cannot_do_is_refused() {
     let refused = |control: HeightControlSettings| {
-        let LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, .. } = START else { unreachable!() };
-        let moves = LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] };
+        let LayerMove::Start { start, lowest, pierce, cut, sheet, .. } = START else { unreachable!() };
+        let moves = LayerMove::Start { start, lowest, pierce, cut, sheet, control: [control] };
         Table::new(None).card.accept(HostCommand::Instruction(instruction(1, Some(1), moves)))
     };
     assert_eq!(refused(VOLTS), Ok(()));
@@ -563,6 +627,7 @@ fn control_that_the_card_cannot_do_is_refused() {
         HeightControlSettings { hold_below: FeedShare::FEED, ..VOLTS },
         HeightControlSettings { source: HeightSource::UpDown { up: 1, down: 1 }, ..VOLTS },
         HeightControlSettings { source: HeightSource::UpDown { up: 1, down: 6 }, ..VOLTS },
+        HeightControlSettings { source: HeightSource::External { output: 64 }, ..VOLTS },
         HeightControlSettings { source: HeightSource::None, ..VOLTS },
     ] {
         assert_eq!(refused(control), Err(CommandRefusal::Unsupported), "{control:?}");

@@ -12,7 +12,7 @@ use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
     HeightControlSettings, HostCommand, InputSetting, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER,
-    OhmicSensing, OutputChange, PathStart, RepeatedInstruction, channel,
+    OhmicSensing, OutputChange, PathStart, RepeatedInstruction, SheetSource, channel,
 };
 
 pub(crate) const TORCH: u8 = channel::SPINDLE;
@@ -162,8 +162,7 @@ pub(crate) const START: LayerMove = LayerMove::Start {
     lowest: -2000,
     pierce: 120,
     cut: 45,
-    may_skip: false,
-    ohmic: NO_OHMIC,
+    sheet: SheetSource::Sensed(NO_OHMIC),
     control: [HeightControlSettings::NONE],
 };
 
@@ -362,8 +361,7 @@ fn cut(table: &mut Table, number: u32, may_skip: bool) -> i64 {
             lowest,
             pierce,
             cut,
-            may_skip,
-            ohmic: NO_OHMIC,
+            sheet: if may_skip { SheetSource::Kept(NO_OHMIC) } else { SheetSource::Sensed(NO_OHMIC) },
             control: [HeightControlSettings::NONE],
         },
     );
@@ -462,8 +460,7 @@ fn a_contact_on_the_way_to_a_known_sheet_lights_nothing() {
             lowest,
             pierce,
             cut,
-            may_skip: true,
-            ohmic: NO_OHMIC,
+            sheet: SheetSource::Kept(NO_OHMIC),
             control: [HeightControlSettings::NONE],
         },
     );
@@ -484,8 +481,14 @@ fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
     settings.layer = Some(LayerSettings { contacts: FLOAT | OHMIC, ..SETTINGS });
     let ohmic = OhmicSensing { inputs: OHMIC, tries, drop: travel as i32 };
     let LayerMove::Start { start, lowest, pierce, cut, .. } = START else { unreachable!() };
-    let ohmic_start =
-        LayerMove::Start { start, lowest, pierce, cut, may_skip: false, ohmic, control: [HeightControlSettings::NONE] };
+    let ohmic_start = LayerMove::Start {
+        start,
+        lowest,
+        pierce,
+        cut,
+        sheet: SheetSource::Sensed(ohmic),
+        control: [HeightControlSettings::NONE],
+    };
     // Closes at once, in the second attempt and in the last, and never.
     for closes_from in [0, 1, tries, tries + 1, u8::MAX] {
         let mut table = Table::with(Some(sheet - travel), &settings);
@@ -595,4 +598,38 @@ proptest! {
         prop_assert!(slope.iter().all(|change| change.abs() <= most(limits.acceleration) + 1));
         prop_assert!(slope.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= most(jerk) + 3));
     }
+}
+
+/// A start over a known sheet senses nothing, and what it was told counts for no later start (CUT-54); a contact that
+/// closes on the way lights nothing.
+#[test]
+fn a_start_over_a_known_sheet_goes_straight_there() {
+    let LayerMove::Start { start, lowest, pierce, cut: height, .. } = START else { unreachable!() };
+    let control = [HeightControlSettings::NONE];
+    let known =
+        |layer| LayerMove::Start { start, lowest, pierce, cut: height, sheet: SheetSource::Known(layer), control };
+    let begin = |table: &mut Table, number, layer| {
+        let begin = instruction(number, Some(1), known(layer));
+        table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..begin }));
+    };
+    let mut table = at_the_end(-900);
+    begin(&mut table, 1, -899);
+    let mut deepest = table.position;
+    while table.status().executed != 1 {
+        table.period();
+        if table.lit_at.is_empty() {
+            deepest = deepest.min(table.position);
+        }
+    }
+    assert_eq!((deepest, table.position), (-899 + 120, -899 + 45));
+    let lift = instruction(2, Some(0), LayerMove::OverSheet { height: 500, highest: -100 });
+    table.send(HostCommand::Instruction(Instruction { place: RecordIndex::new(20), ..lift }));
+    table.until_executed(2);
+    assert_eq!(table.position, -899 + 500, "over the same sheet");
+    assert!(cut(&mut table, 3, true) <= -900, "it counts for no later start");
+    let mut table = at_the_end(-900);
+    begin(&mut table, 1, -1100);
+    let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
+    assert_eq!((off.cause, off.channels, table.lit_at.is_empty()), (CutterOffCause::SheetContact, 0, true));
+    table.assert_limits();
 }

@@ -5,7 +5,7 @@
 use retrace_config::CutterRestart;
 use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::{Distance, Place};
-use retrace_link::{CardStatus, LayerMove, MotionCard};
+use retrace_link::{CardStatus, LayerMove, MotionCard, SheetSource};
 
 use super::Session;
 use super::cut_end::{CutEnd, UNNOTICED_RECORDS};
@@ -37,6 +37,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn start_in_motion(&mut self, place: Place) {
         let (machine, interrupted) = (self.recovery.machine(), self.recovery.cut_end);
         let fires = &self.config.fire_channels;
+        let recorded = self.recorded_layers.at(place.record);
         let mut latch = None;
         for step in &mut self.restart.steps {
             let lit = step.changes().iter().find(|change| change.value != 0 && fires.contains(&change.channel));
@@ -45,9 +46,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let Some(proof) = cutter.proof else { continue };
             let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(machine.period_us)).round() as u32;
             (step.periods, step.until) = (pilot_periods, None);
-            if let Some(LayerMove::Start { pierce, cut, .. }) = &mut step.layer {
+            if let Some(LayerMove::Start { pierce, cut, sheet, .. }) = &mut step.layer {
                 // It meets the kerf at the height of the cut.
                 *pierce = *cut;
+                if let Some(layer) = recorded {
+                    // Under the tool is its own kerf.
+                    *sheet = SheetSource::Known(layer - *cut);
+                }
             }
             let CutterRestart { run_in_mm, latch_mm, .. } = cutter.restart;
             // Where no end of a cut is known, the kerf is taken to end within the run-in.

@@ -35,6 +35,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // Also on the way to rest before reverse run, while the cutter is still on.
         let is_forward = status.rate.signum() > 0;
         let before = self.cut_map.take_burning();
+        self.recorded_layers.record(status.place.record, None, status.layer);
         if !is_forward || self.config.inhibits_outputs || self.is_on_lead_in() {
             return;
         }
@@ -50,6 +51,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if fires.iter().any(|channel| is_lit(channel) && burns(channel)) {
             let cut = if let Burning::Flickers(since) = before { since.followed_by(moved) } else { moved };
             let is_new = self.cut_map.record_cut(cut.from, status.place, cut.length_mm);
+            self.recorded_layers.record(status.place.record, Some(cut.from.record), status.layer);
             if is_new && is_unwatched(status) {
                 self.stats.not_watched_nm += (length_mm * 1e6).round() as u64;
             }

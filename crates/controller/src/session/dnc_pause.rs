@@ -390,6 +390,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     pub(super) fn run_paused_period(&mut self) -> Result<Option<Outcome>, CardError> {
         self.apply_commands();
         self.advance_restart();
+        // The operator may change the consumables, or lay the sheet anew.
+        self.recorded_layers.forget();
         let status = *self.card.run_period()?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);

@@ -3,14 +3,17 @@
 //! Invariant: what the operator has set is kept for the job and ends with it; it moves nothing by itself, since the
 //! card controls the height only while a cutter cuts.
 
+use retrace_config::HeightControlOfCutter;
 use retrace_link::{MotionCard, OutputChange, Outputs, channel};
 
 use super::Session;
 use crate::operator::{CommandError, HeightCommand};
 
 const NO_CONTROL: CommandError = CommandError::NotNow("the machine file has no `height` in a `[[cutter]]`");
-const NO_VOLTS: CommandError =
-    CommandError::NotNow("the height is controlled by two inputs: only the controller on them has a target");
+const NO_VOLTS: CommandError = CommandError::NotNow(
+    "the height is controlled by a separate controller, which alone has a target: set it there; `height control off` \
+     holds the height",
+);
 const TOO_FAR: CommandError = CommandError::NotNow("the target would be more than 50 V from that of the material");
 
 /// Greatest change of the target, in V.
@@ -60,11 +63,18 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 }
 
-/// The outputs, but what the operator has set for height control: no program expects a value of it.
-pub(super) const fn without_height_offset(mut outputs: Outputs, wants: &Outputs) -> Outputs {
-    let at = channel::HEIGHT_OFFSET as usize;
-    if at < outputs.len() {
-        outputs[at] = wants[at];
+/// The outputs, but what the operator has set for height control, and what the card switches for it: no program expects
+/// a value of them.
+pub(super) fn without_height_control(
+    mut outputs: Outputs,
+    wants: &Outputs,
+    control: Option<HeightControlOfCutter<'_>>,
+) -> Outputs {
+    let enable = control.and_then(|control| control.config().enable);
+    for at in [Some(channel::HEIGHT_OFFSET), enable].into_iter().flatten().map(usize::from) {
+        if let (Some(output), Some(&wanted)) = (outputs.get_mut(at), wants.get(at)) {
+            *output = wanted;
+        }
     }
     outputs
 }

@@ -6,7 +6,7 @@
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
 
 use super::Session;
-use super::height_by_hand::without_height_offset;
+use super::height_by_hand::without_height_control;
 
 /// Changes that were sent and not reported yet, at most one per channel.
 #[derive(Debug)]
@@ -67,7 +67,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The outputs as they are to be compared with `wants`.
     pub(super) fn outputs_compared_with(&self, wants: &Outputs) -> Outputs {
         let outputs = self.manual_outputs.compared_with(&self.card.status().outputs, wants);
-        without_height_offset(self.without_geared_spindle(outputs, wants), wants)
+        let outputs = self.without_geared_spindle(outputs, wants);
+        without_height_control(outputs, wants, self.recovery.machine().height_control())
     }
 
     /// Removes the changes that this status reports.

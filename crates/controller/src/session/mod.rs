@@ -27,6 +27,7 @@ mod pause_state;
 mod pointer;
 mod probing;
 mod program_override;
+mod recorded_layers;
 mod recovery;
 mod restart;
 mod return_path;
@@ -71,6 +72,7 @@ use manual_outputs::ManualOutputs;
 use pause_state::DncPause;
 use probing::ProgramProbing;
 use program_override::ProgramOverride;
+use recorded_layers::RecordedLayers;
 use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
 use sense_test::SenseTest;
@@ -146,6 +148,7 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     recovery: CutRecovery,
     /// What was cut of the contours.
     cut_map: CutMap,
+    recorded_layers: RecordedLayers,
     /// How contours are passed that are cut, or skipped.
     contour_pass: ContourPass,
     /// State of each cutter, in the order of the fire channels.
@@ -192,6 +195,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     ) -> Self {
         Self {
             stats: RunStats::new(card.status().place.record),
+            recorded_layers: RecordedLayers::new(machine, card.status().place.record),
             streamer: streamer.with_cutters(machine).with_contour_channels(contour_channels(machine)),
             card,
             mode_controller: ModeController::default(),

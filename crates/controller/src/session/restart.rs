@@ -235,6 +235,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
             self.stop_flow(channel, CutterOffReason::Card(off.cause));
         }
+        let is_off_the_sheet =
+            matches!(off.cause, CutterOffCause::NoSheet | CutterOffCause::SheetContact | CutterOffCause::Collision);
+        if is_off_the_sheet {
+            self.recorded_layers.forget();
+        }
         if matches!(off.cause, CutterOffCause::NoSheet | CutterOffCause::SheetContact)
             && let Some(channel) = self.recovery.machine().tool_layer().map(|layer| layer.fire)
         {

@@ -7,7 +7,7 @@ use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
     GearStart, HeightControlSettings, HeightControls, HeightSource, HomingCommand, HostCommand, Ignition, InputWait,
     Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction, OutputChange, ProbeArming, RepeatedInstruction,
-    SpindleControl, SpindleTask,
+    SheetSource, SpindleControl, SpindleTask,
 };
 use retrace_core::gear::GearLimits;
 use retrace_core::{Distance, FeedShare, Rate, RecordIndex};
@@ -289,24 +289,34 @@ fn read_spindle_task(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<S
     }))
 }
 
-/// Flags in the kind of a start: it may do without sensing the sheet; its ohmic contacts follow.
-const MAY_SKIP: u8 = 4;
+/// Flags in the kind of a start: the sheet of an earlier start counts; ohmic contacts, the control of the height, or
+/// the layer of a known sheet follow.
+const KEPT_SHEET: u8 = 4;
 const HAS_OHMIC: u8 = 8;
 const HAS_CONTROL: u8 = 16;
+const KNOWN_SHEET: u8 = 32;
+const START_FLAGS: u8 = KEPT_SHEET | HAS_OHMIC | HAS_CONTROL | KNOWN_SHEET;
 
 fn write_layer(writer: &mut ByteWriter<'_>, moves: LayerMove) -> Option<()> {
     let (kind, values) = match moves {
-        LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control } => {
+        LayerMove::Start { start, lowest, pierce, cut, sheet, control } => {
             let control = control.first().filter(|control| control.source != HeightSource::None);
-            let flag = |flag: u8, so: bool| if so { flag } else { 0 };
-            let flags =
-                flag(MAY_SKIP, may_skip) | flag(HAS_OHMIC, ohmic.inputs != 0) | flag(HAS_CONTROL, control.is_some());
-            writer.u8(flags)?;
+            let (flag, ohmic) = match sheet {
+                SheetSource::Sensed(ohmic) => (0, ohmic),
+                SheetSource::Kept(ohmic) => (KEPT_SHEET, ohmic),
+                SheetSource::Known(_) => (KNOWN_SHEET, OhmicSensing::default()),
+            };
+            let has_ohmic = if ohmic.inputs != 0 { HAS_OHMIC } else { 0 };
+            let has_control = if control.is_some() { HAS_CONTROL } else { 0 };
+            writer.u8(flag | has_ohmic | has_control)?;
             [start, lowest, pierce, cut].iter().try_for_each(|&value| writer.signed(i64::from(value)))?;
             if ohmic.inputs != 0 {
                 writer.u16(ohmic.inputs)?;
                 writer.u8(ohmic.tries)?;
                 writer.signed(i64::from(ohmic.drop))?;
+            }
+            if let SheetSource::Known(layer) = sheet {
+                writer.signed(i64::from(layer))?;
             }
             return control.map_or(Some(()), |control| write_height_control(writer, control));
         }
@@ -322,6 +332,7 @@ fn write_height_control(writer: &mut ByteWriter<'_>, of: &HeightControlSettings)
         HeightSource::None => return None,
         HeightSource::Volts { input } => writer.slice(&[0, input, 0])?,
         HeightSource::UpDown { up, down } => writer.slice(&[1, up, down])?,
+        HeightSource::External { output } => writer.slice(&[2, output, 0])?,
     }
     writer.u16(of.target)?;
     writer.signed(i64::from(of.gain))?;
@@ -339,6 +350,7 @@ fn read_height_control(reader: &mut ByteReader<'_>) -> Option<HeightControlSetti
     let source = match (reader.u8()?, reader.u8()?, reader.u8()?) {
         (0, input, 0) => HeightSource::Volts { input },
         (1, up, down) => HeightSource::UpDown { up, down },
+        (2, output, 0) => HeightSource::External { output },
         _ => return None,
     };
     Some(HeightControlSettings {
@@ -360,6 +372,20 @@ fn read_height_control(reader: &mut ByteReader<'_>) -> Option<HeightControlSetti
     })
 }
 
+/// Reads how a start with these flags finds the sheet.
+fn read_sheet(reader: &mut ByteReader<'_>, flags: u8) -> Option<SheetSource> {
+    let ohmic = match flags & HAS_OHMIC {
+        0 => OhmicSensing::default(),
+        _ => OhmicSensing { inputs: reader.u16()?, tries: reader.u8()?, drop: reader.signed32()? },
+    };
+    Some(match flags & (KEPT_SHEET | HAS_OHMIC | KNOWN_SHEET) {
+        KNOWN_SHEET => SheetSource::Known(reader.signed32()?),
+        flags if flags & KNOWN_SHEET != 0 => return None,
+        flags if flags & KEPT_SHEET != 0 => SheetSource::Kept(ohmic),
+        _ => SheetSource::Sensed(ohmic),
+    })
+}
+
 /// Reads the moves of the layer, if the count of changes has their flag. Returns `None` if the bytes are invalid.
 #[allow(clippy::option_option)]
 fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMove>> {
@@ -367,17 +393,12 @@ fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMov
         return Some(None);
     }
     Some(Some(match reader.u8()? {
-        flags if flags & !(MAY_SKIP | HAS_OHMIC | HAS_CONTROL) == 0 => LayerMove::Start {
+        flags if flags & !START_FLAGS == 0 => LayerMove::Start {
             start: reader.signed32()?,
             lowest: reader.signed32()?,
             pierce: reader.signed32()?,
             cut: reader.signed32()?,
-            may_skip: flags & MAY_SKIP != 0,
-            ohmic: if flags & HAS_OHMIC == 0 {
-                OhmicSensing::default()
-            } else {
-                OhmicSensing { inputs: reader.u16()?, tries: reader.u8()?, drop: reader.signed32()? }
-            },
+            sheet: read_sheet(reader, flags)?,
             control: {
                 let mut control = HeightControls::default();
                 if flags & HAS_CONTROL != 0 {

@@ -13,7 +13,8 @@ use retrace_link::{
     CuttingSettings, GearStart, GearState, HeightControlSettings, HeightSource, HeightState, HomingCommand,
     HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
     MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart,
-    ProbeArming, ProofInput, RepeatedInstruction, SpindleControl, SpindlePwm, SpindleSettings, SpindleTask,
+    ProbeArming, ProofInput, RepeatedInstruction, SheetSource, SpindleControl, SpindlePwm, SpindleSettings,
+    SpindleTask,
 };
 
 /// Every value at its largest.
@@ -108,14 +109,21 @@ fn layer() -> impl Strategy<Value = Option<LayerMove>> {
             let source = HeightSource::UpDown { up: 15, down: 0 };
             HeightControlSettings { source, target, gain: i32::MAX, filter: 0, up: 7, ..HEIGHT_CONTROL }
         }),
+        any::<u8>()
+            .prop_map(|output| HeightControlSettings { source: HeightSource::External { output }, ..HEIGHT_CONTROL }),
     ];
-    let ohmic = prop::option::of((1..u16::MAX, any::<u8>(), any::<i32>()));
-    let start = (any::<([i32; 4], bool)>(), ohmic, control).prop_map(
-        |(([start, lowest, pierce, cut], may_skip), ohmic, control)| {
-            let ohmic = ohmic.map(|(inputs, tries, drop)| OhmicSensing { inputs, tries, drop }).unwrap_or_default();
-            LayerMove::Start { start, lowest, pierce, cut, may_skip, ohmic, control: [control] }
-        },
-    );
+    let ohmic = prop_oneof![
+        Just(OhmicSensing::default()),
+        (1..u16::MAX, any::<u8>(), any::<i32>()).prop_map(|(inputs, tries, drop)| OhmicSensing { inputs, tries, drop }),
+    ];
+    let sheet = prop_oneof![
+        ohmic.clone().prop_map(SheetSource::Sensed),
+        ohmic.prop_map(SheetSource::Kept),
+        any::<i32>().prop_map(SheetSource::Known),
+    ];
+    let start = (any::<[i32; 4]>(), sheet, control).prop_map(|([start, lowest, pierce, cut], sheet, control)| {
+        LayerMove::Start { start, lowest, pierce, cut, sheet, control: [control] }
+    });
     let over = any::<[i32; 2]>().prop_map(|[height, highest]| LayerMove::OverSheet { height, highest });
     prop::option::of(prop_oneof![start, over, any::<i32>().prop_map(|layer| LayerMove::To { layer })])
 }
