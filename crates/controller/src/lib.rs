@@ -29,6 +29,7 @@ mod check_finding;
 mod command_channel;
 mod command_queue;
 mod contour_list;
+mod contour_records;
 mod contour_states;
 mod cut_outline;
 mod cutter_off_reason;

@@ -1,6 +1,7 @@
 // Colours of the path, after Okabe and Ito, for both themes.
 //
-// Invariant: states differ in brightness too, and rapids, the block and the chosen line in form.
+// Invariant: states differ in brightness too, and rapids, the block, the chosen line, and contours that are selected or
+// skipped in form.
 
 import { shownTheme } from './settings.js';
 
@@ -15,6 +16,8 @@ const DARK = {
   rapid: '#6c7682',
   block: '#ffffff',
   chosen: '#f0e442',
+  contour: '#1f8a6b',
+  skipped: '#cc9ad6',
 };
 const LIGHT = {
   paper: '#fbfbf9',
@@ -25,11 +28,21 @@ const LIGHT = {
   rapid: '#9aa1a8',
   block: '#000000',
   chosen: '#a8327f',
+  contour: '#5fcfae',
+  skipped: '#8a4fa3',
 };
 
 /** Colours of the shown theme, as the shaders take them. */
 export function pathColours() {
   const theme = shownTheme() === 'light' ? LIGHT : DARK;
   const inks = ['planned', 'cut', 'retraced', 'old', 'rapid', 'paper'].flatMap(name => rgba(theme[name]));
-  return { inks, paper: rgba(theme.paper), block: rgba(theme.block), chosen: rgba(theme.chosen) };
+  const one = name => rgba(theme[name]);
+  return {
+    inks,
+    paper: one('paper'),
+    block: one('block'),
+    chosen: one('chosen'),
+    contour: one('contour'),
+    skipped: one('skipped'),
+  };
 }

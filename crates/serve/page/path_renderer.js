@@ -147,10 +147,12 @@ export class PathRenderer {
     gl.uniform1f(uniforms.feed_share, state.feedShare);
     gl.uniform2fv(uniforms.only, EVERYTHING);
     gl.uniform4f(uniforms.only_ink, 0, 0, 0, 0);
+    gl.uniform1f(uniforms.only_dash, 0);
   }
 
-  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans, isAhead}`) over them:
-   * in their ink, or, with `isAhead`, only what lies ahead of the tool, and the rest in the colours of its state. */
+  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans, isAhead, dash}`) over them:
+   * in their ink, or, with `isAhead`, only what lies ahead of the tool, and the rest in the colours of its state. `dash`
+   * is the length of a dash and its gap, in records. */
   draw(camera, state, chunks, ranges) {
     if (this.isLost) return;
     const { gl, canvas } = this;
@@ -209,7 +211,7 @@ export class PathRenderer {
     }
   }
 
-  drawThick(camera, state, { records, ink, width, spans, isAhead }) {
+  drawThick(camera, state, { records, ink, width, spans, isAhead, dash }) {
     if (spans.length === 0) return;
     const { gl } = this;
     const cursor = Math.floor(state.record),
@@ -218,6 +220,7 @@ export class PathRenderer {
     gl.uniform2f(uniforms.only, records[0] - cursor, records[1] - cursor);
     gl.uniform4fv(uniforms.only_ink, ink);
     gl.uniform1f(uniforms.only_from, isAhead ? 0 : EVERYTHING[0]);
+    gl.uniform1f(uniforms.only_dash, dash ?? 0);
     gl.uniform1f(uniforms.dash, 1e9);
     for (const { chunk, from, count } of spans) this.drawSegments(chunk.mesh, from, count);
   }

@@ -13,6 +13,9 @@ use serde::Serialize;
 /// Units of a record's fraction in a record.
 const FRACTIONS: f64 = 4_294_967_296.0;
 
+/// Maximum number of contours to be skipped that are shown.
+const MAX_SKIPPED: usize = 1000;
+
 /// Maximum number of findings of a check that are shown.
 const MAX_FINDINGS: usize = 100;
 
@@ -37,6 +40,8 @@ pub(crate) struct StateView {
     single: bool,
     optional_stop: bool,
     dry_run: bool,
+    /// Numbers of the contours that are skipped once they are reached, at most 1000.
+    skipped_contours: Vec<u32>,
     /// Points on the edge of the sheet, where any is taken.
     sheet: Option<SheetView>,
     #[serde(rename = "override")]
@@ -291,6 +296,7 @@ impl StateView {
             homing: model.homing.iter().map(|&homing| homing_name(homing)).collect(),
             single: model.single,
             optional_stop: model.optional_stop,
+            skipped_contours: model.contours.skipped().take(MAX_SKIPPED).collect(),
             sheet: (!model.sheet_points.is_empty())
                 .then(|| SheetView { points: model.sheet_points.len(), text: retrace_tui::sheet_text(model) }),
             dry_run: model.dry_run,

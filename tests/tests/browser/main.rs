@@ -3,6 +3,7 @@
 //! What the machine does is read from the server beside the page. Times are waited for and never held against a limit
 //! that a loaded computer could miss.
 
+mod contours;
 mod control;
 mod layout;
 mod million;
