@@ -107,7 +107,9 @@ pub use journal_recorder::JournalRecorder;
 pub use lead_arc::LeadArcError;
 pub use limit_check::LimitCheck;
 pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};
-pub use manual::{CutFrame, FrameShape, ManualTask, ManualTaskDone, ManualTaskError, SheetEdge, perform_manual_task};
+pub use manual::{
+    CutFrame, FrameShape, ManualTask, ManualTaskDone, ManualTaskError, SheetEdge, SheetPlacement, perform_manual_task,
+};
 pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;

@@ -5,6 +5,9 @@
 
 import { shownTheme } from './settings.js';
 
+/** How much of a path that is about to be placed elsewhere is left of its colour. */
+const DIMMED = 0.4;
+
 const rgba = (hex, alpha = 1) => [...[1, 3, 5].map(place => parseInt(hex.slice(place, place + 2), 16) / 255), alpha];
 
 const DARK = {
@@ -18,6 +21,7 @@ const DARK = {
   chosen: '#f0e442',
   contour: '#1f8a6b',
   skipped: '#cc9ad6',
+  placed: '#ff8fc7',
 };
 const LIGHT = {
   paper: '#fbfbf9',
@@ -30,16 +34,23 @@ const LIGHT = {
   chosen: '#a8327f',
   contour: '#5fcfae',
   skipped: '#8a4fa3',
+  placed: '#c2187a',
 };
 
 /** Colours of the shown theme, as the shaders take them. */
 export function pathColours() {
   const theme = shownTheme() === 'light' ? LIGHT : DARK;
-  const inks = ['planned', 'cut', 'retraced', 'old', 'rapid', 'paper'].flatMap(name => rgba(theme[name]));
   const one = name => rgba(theme[name]);
+  const states = ['planned', 'cut', 'retraced', 'old', 'rapid'];
+  const inks = [...states, 'paper'].flatMap(one);
+  const paper = one('paper'),
+    dimInks = inks.map((value, index) => paper[index % 4] + (value - paper[index % 4]) * DIMMED);
   return {
     inks,
-    paper: one('paper'),
+    dimInks,
+    // Without rapids: the first one begins where the machine is, which is not turned.
+    placedInks: [...states.flatMap(name => rgba(theme.placed, name === 'rapid' ? 0 : 1)), ...paper],
+    paper,
     block: one('block'),
     chosen: one('chosen'),
     contour: one('contour'),

@@ -7,6 +7,7 @@ import { PathCamera, VIEWS } from './path_camera.js';
 import { PathChunks } from './path_chunks.js';
 import { PathRenderer } from './path_renderer.js';
 import { followGestures } from './path_gestures.js';
+import { PathPlacement } from './path_placement.js';
 import { nearestCut } from './path_hit.js';
 import { formatPosition } from './units.js';
 import { onSettingChange } from './settings.js';
@@ -75,6 +76,7 @@ export class PathView {
     store.on('path', path => this.setPath(path));
     store.on('state', state => {
       this.locateBlock();
+      this.setPlacement(state.sheet?.placement ?? null);
       if (state.program.path === null && state.program.check !== 'checking') this.clearPath();
     });
     store.on('chosen', () => this.showChosen());
@@ -117,6 +119,7 @@ export class PathView {
       entry('old', 'before the history'),
       entry('block', 'block'),
       (this.skippedEntry = entry('skipped', 'skipped')),
+      (this.placedEntry = entry('placed', 'as it would lie')),
     );
   }
 
@@ -214,9 +217,28 @@ export class PathView {
     return [0, 1, 2].map(axis => (mm?.[axis] ?? 0) - origin[axis]);
   }
 
+  /** Box of the program, and of where it would lie. */
   programBox() {
     const bounds = this.chunks.path?.bounds_mm;
-    return bounds ? [...this.toPath(bounds[0]), ...this.toPath(bounds[1])] : null;
+    if (!bounds) return null;
+    const box = [...this.toPath(bounds[0]), ...this.toPath(bounds[1])],
+      placed = this.pathPlacement()?.boxOf(box) ?? box;
+    return box.map((value, index) => (index < 3 ? Math.min : Math.max)(value, placed[index]));
+  }
+
+  /** Shows where the job would lie, by the `placement` of the server, until it is set or forgotten (`null`). */
+  setPlacement(placement) {
+    const key = JSON.stringify(placement);
+    this.placedEntry.hidden = placement === null;
+    if (key === (this.placementKey ?? 'null')) return;
+    Object.assign(this, { placement, placementKey: key });
+    if (this.follows === 'program') this.fit('program');
+    this.requestFrame();
+  }
+
+  /** Where the job would lie, in mm of the path that is shown, or null. */
+  pathPlacement() {
+    return this.placement && this.chunks.path ? new PathPlacement(this.placement, this.origin()) : null;
   }
 
   tableBox() {
@@ -374,7 +396,7 @@ export class PathView {
       record: live?.record ?? 0,
       oldest: live?.oldest ?? 0,
       reached: live?.reached ?? 0,
-      inks: this.colours.inks,
+      inks: this.placement ? this.colours.dimInks : this.colours.inks,
       paper: this.colours.paper,
       dash: 12 * this.ratio,
       ratio: this.ratio,
@@ -395,8 +417,18 @@ export class PathView {
     }
     this.chosenChunks = chunks;
     this.renderer?.setBox(this.store.hello ? this.tableBox() : null);
-    this.renderer?.draw(this.camera, this.state(), chunks, this.ranges());
+    this.renderer?.draw(this.camera, this.state(), chunks, this.ranges(), this.placedPath(most, now));
     this.placeMarks();
+  }
+
+  /** The path as it would lie: camera, state and chunks, or null. */
+  placedPath(most, now) {
+    const placement = this.pathPlacement();
+    if (!placement) return null;
+    const camera = this.camera.placed(placement),
+      { chunks, wants } = this.chunks.choose(camera, most, now);
+    for (const want of wants) this.connection.send(want);
+    return { camera, chunks, state: { ...this.state(), inks: this.colours.placedInks } };
   }
 
   ranges() {

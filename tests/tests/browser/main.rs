@@ -12,6 +12,7 @@ mod notices;
 mod program_view;
 mod retrace_by_bar;
 mod setting_up;
+mod sheet;
 mod torch;
 
 use retrace_tests::browser::Browser;
