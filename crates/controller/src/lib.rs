@@ -29,6 +29,7 @@ mod check_finding;
 mod command_channel;
 mod command_queue;
 mod contour_list;
+mod contour_records;
 mod contour_states;
 mod cut_outline;
 mod cutter_off_reason;
@@ -106,7 +107,9 @@ pub use journal_recorder::JournalRecorder;
 pub use lead_arc::LeadArcError;
 pub use limit_check::LimitCheck;
 pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};
-pub use manual::{CutFrame, FrameShape, ManualTask, ManualTaskDone, ManualTaskError, SheetEdge, perform_manual_task};
+pub use manual::{
+    CutFrame, FrameShape, ManualTask, ManualTaskDone, ManualTaskError, SheetEdge, SheetPlacement, perform_manual_task,
+};
 pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;

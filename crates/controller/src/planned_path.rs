@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use retrace_config::MachineConfig;
 use retrace_core::{Flags, Record};
 
+use crate::contour_records::ContourRecords;
 use crate::path_profile::PathProfile;
 
 /// Largest deviation of the full path from the positions of the records, µm.
@@ -51,13 +52,19 @@ pub struct PlannedPath {
     /// First record of each run of records of one line, with the line.
     lines: Vec<(u32, u32)>,
     records: u32,
+    contours: ContourRecords,
     profile: PathProfile,
 }
 
 impl PlannedPath {
-    /// Path of these vertices and lines, without a profile.
-    pub(crate) fn from_parts(vertices: Vec<PathVertex>, lines: Vec<(u32, u32)>, records: u32) -> Self {
-        Self { vertices, lines, records, profile: PathProfile::default() }
+    /// Path of these vertices, lines and contours, without a profile.
+    pub(crate) fn from_parts(
+        vertices: Vec<PathVertex>,
+        lines: Vec<(u32, u32)>,
+        records: u32,
+        contours: ContourRecords,
+    ) -> Self {
+        Self { vertices, lines, records, contours, profile: PathProfile::default() }
     }
 
     /// Vertices in the order of the path. The first one is where the machine is before the program.
@@ -109,6 +116,12 @@ impl PlannedPath {
         let index = self.lines.iter().position(|&(_, it)| it == line)?;
         let end = self.lines.get(index + 1).map_or(self.records, |&(next, _)| next);
         Some([self.lines[index].0, end])
+    }
+
+    /// Records in which a contour is cut: the first one, and the one after the last.
+    #[must_use]
+    pub fn records_of_contour(&self, number: u32) -> Option<[u32; 2]> {
+        self.contours.records_of(number)
     }
 
     /// Indices of the vertices to keep so that all others lie within this tolerance of the lines between them, µm.
@@ -211,6 +224,15 @@ impl Thinning {
     }
 }
 
+/// What the moves of a path cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct CutState {
+    /// Whether a cutter is on.
+    pub(crate) is_cutting: bool,
+    /// Number of the contour, 0 for none.
+    pub(crate) contour: u32,
+}
+
 /// Builds the planned path from the records of a plan.
 #[derive(Debug)]
 pub(crate) struct PathRecorder {
@@ -220,9 +242,9 @@ pub(crate) struct PathRecorder {
     space: [Option<(usize, f64)>; 3],
     counts: [i64; 3],
     pending: Option<PathVertex>,
-    /// Whether a cutter is on, with the line from whose records on that applies.
-    cutting: VecDeque<(u32, bool)>,
-    is_cutting: bool,
+    /// What is cut, with the serial number of the move from whose records on that applies.
+    cuts: VecDeque<(u32, CutState)>,
+    cut: CutState,
     begun: Instant,
     /// Time after the beginning at which a part of the path is shown next.
     next_part: Duration,
@@ -244,8 +266,8 @@ impl PathRecorder {
             space,
             counts,
             pending: None,
-            cutting: VecDeque::new(),
-            is_cutting: machine.cutting_outputs.is_empty(),
+            cuts: VecDeque::new(),
+            cut: CutState { is_cutting: machine.cutting_outputs.is_empty(), contour: 0 },
             begun: Instant::now(),
             next_part: FIRST_PART,
         };
@@ -257,23 +279,24 @@ impl PathRecorder {
         std::array::from_fn(|i| self.space[i].map_or(0, |(_, um)| (self.counts[i] as f64 * um).round() as i32))
     }
 
-    /// States whether a cutter is on in the moves that follow, which begin in this line.
-    pub(crate) fn set_cutting(&mut self, is_cutting: bool, line: u32) {
-        if self.cutting.back().map_or(self.is_cutting, |&(_, last)| last) != is_cutting {
-            self.cutting.push_back((line, is_cutting));
+    /// States what is cut from the move of this serial number on.
+    pub(crate) fn set_cut(&mut self, cut: CutState, serial: u32) {
+        if self.cuts.back().map_or(self.cut, |&(_, last)| last) != cut {
+            self.cuts.push_back((serial, cut));
         }
     }
 
-    /// Adds a record.
-    pub(crate) fn add<const A: usize>(&mut self, record: &Record<A>) {
+    /// Adds a record of the move of this serial number; 0 is that of no move. A move may have no records.
+    pub(crate) fn add<const A: usize>(&mut self, record: &Record<A>, serial: u32) {
         if self.path.lines.last().is_none_or(|&(_, line)| line != record.line) {
             self.path.lines.push((self.path.records, record.line));
         }
-        if let Some(&(line, is_cutting)) = self.cutting.front()
-            && line == record.line
+        while let Some(&(from, cut)) = self.cuts.front()
+            && serial != 0
+            && serial.wrapping_sub(from) < 1 << 31
         {
-            self.cutting.pop_front();
-            self.is_cutting = is_cutting;
+            self.cuts.pop_front();
+            self.cut = cut;
         }
         let mut squared_um = 0.0;
         for (count, axis) in self.counts.iter_mut().zip(self.space) {
@@ -282,8 +305,10 @@ impl PathRecorder {
             squared_um += (f64::from(record.increments[index]) * um).powi(2);
         }
         self.path.profile.push(squared_um.sqrt() / 1000.0);
-        self.path.records = self.path.records.saturating_add(1);
-        let kind = match (record.flags.contains(Flags::RAPID), self.is_cutting) {
+        let first = self.path.records;
+        self.path.records = first.saturating_add(1);
+        self.path.contours.add(self.cut.contour, [first, self.path.records]);
+        let kind = match (record.flags.contains(Flags::RAPID), self.cut.is_cutting) {
             (true, _) => PathKind::Rapid,
             (false, true) => PathKind::Cutting,
             (false, false) => PathKind::Feed,
@@ -385,6 +410,29 @@ mod tests {
         let vertices: Vec<_> = (0..10_000).map(|n| vertex([n * 7, n * 3, -n], n as u32)).collect();
         let path = PlannedPath { records: 9_999, vertices, lines: vec![(0, 1)], ..PlannedPath::default() };
         assert_eq!(path.thinned(2.0), [0, 9_999]);
+    }
+
+    /// Contours that follow each other at once, and one whose first move has no records, have their own records.
+    #[test]
+    fn each_contour_has_its_records() {
+        let mut recorder = PathRecorder::new(&MachineConfig::built_in().expect("built in"));
+        let cut = |contour| CutState { is_cutting: contour > 0, contour };
+        let record = Record { increments: [1, 0, 0], ..Record::ZERO };
+        // Serial number of each move with the contour and the number of records.
+        for (serial, contour, records) in [(1, 0, 4), (2, 1, 6), (3, 1, 2), (4, 2, 5), (5, 0, 3), (6, 3, 0), (7, 3, 2)]
+        {
+            recorder.set_cut(cut(contour), serial);
+            for _ in 0..records {
+                recorder.add(&record, serial);
+            }
+        }
+        recorder.set_cut(cut(0), 8);
+        recorder.add(&record, 0);
+        recorder.add(&record, 8);
+        let path = recorder.finish();
+        let found = [0, 1, 2, 3, 4].map(|number| path.records_of_contour(number));
+        assert_eq!(found, [None, Some([4, 12]), Some([12, 17]), Some([20, 23]), None]);
+        assert_eq!(path.vertices().iter().map(|vertex| vertex.kind).next_back(), Some(PathKind::Feed));
     }
 
     #[test]

@@ -23,7 +23,7 @@ use crate::limit_check::{LimitCheck, has_unknown};
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
-use crate::planned_path::{PathRecorder, PlannedPath};
+use crate::planned_path::{CutState, PathRecorder, PlannedPath};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
 use crate::tap_move::RigidTap;
@@ -176,10 +176,11 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             periods += 1;
             self.abrasive.count_record(record.line);
             if self.path.is_some() {
-                record.line = self.line_of(record.line);
-            }
-            if let Some(path) = &mut self.path {
-                path.add(&record);
+                let serial = record.line;
+                record.line = self.line_of(serial);
+                if let Some(path) = &mut self.path {
+                    path.add(&record, serial);
+                }
             }
         }
         self.add_motion(periods);
@@ -247,8 +248,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         }
         self.is_piercing = false;
         if let Some(path) = &mut self.path {
-            let is_cutting = self.scan.contours.is_cutting() || self.scan.machine().cutting_outputs.is_empty();
-            path.set_cutting(is_cutting, line);
+            let (contours, has_cutter) = (&self.scan.contours, !self.scan.machine().cutting_outputs.is_empty());
+            let number = if contours.is_cutting() { u32::try_from(contours.count).unwrap_or(u32::MAX) } else { 0 };
+            path.set_cut(CutState { is_cutting: number > 0 || !has_cutter, contour: number }, self.serial);
         }
         match feed {
             FeedRate::Rapid => self.rapid_mm += length_mm,

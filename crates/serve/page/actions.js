@@ -2,7 +2,7 @@
 //
 // Invariant: an action that moves or switches something is carried out only if the server offers it now.
 
-import { confirm, openDialog, prompt } from './dialog.js';
+import { closeDialog, confirm, openDialog, openDialogKey, prompt } from './dialog.js';
 import { element } from './element.js';
 import { formatLength, lengthUnit, orderNumber, parseLength } from './units.js';
 
@@ -73,6 +73,10 @@ export class ActionTable {
     this.page = {};
     this.retracePercent = { mode: '', percent: 100 };
     this.wantedOverride = { percent: 100, at: -Infinity };
+    // What is accepted is what the dialog shows.
+    store.on('state', () => {
+      if (openDialogKey() === 'sheet' && JSON.stringify(store.state.sheet) !== this.shownSheet) closeDialog('sheet');
+    });
   }
 
   /** Registers what the page does for some actions. */
@@ -179,10 +183,17 @@ export class ActionTable {
   performSheetEdge() {
     const sheet = this.store.state.sheet;
     if (!sheet || sheet.points < 2) return this.orders.send('sheet point');
+    this.shownSheet = JSON.stringify(sheet);
     openDialog({
       key: 'sheet',
       title: 'The edge of the sheet',
-      content: [element('p', { text: sheet.text })],
+      // The drawing beside it shows where the job would lie.
+      isModal: false,
+      isAside: true,
+      content: [
+        element('p', { text: sheet.text }),
+        sheet.travel_text ? element('p', { class: 'cause', text: sheet.travel_text }) : null,
+      ].filter(Boolean),
       choices: [
         { label: 'Cancel' },
         { label: 'Forget both points', run: () => this.orders.send('sheet forget') },

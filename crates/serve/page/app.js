@@ -5,6 +5,7 @@
 import { ActionTable } from './actions.js';
 import { Connection } from './connection.js';
 import { ContourList } from './contour_list.js';
+import { ContourTable } from './contour_table.js';
 import { ControlDialog } from './control_dialog.js';
 import { FeedPanel } from './feed_panel.js';
 import { FilePanel } from './file_panel.js';
@@ -44,7 +45,8 @@ const place = id => document.getElementById(id);
 const store = new MachineStore();
 setDialogPlace(place('dialogs'));
 const notices = new Notices(place('notices'), place('message-line'));
-let pathView = null;
+/** The drawing, for tests of where something is in it. */
+export let pathView = null;
 const connection = new Connection({
   onMessage: message => store.apply(message),
   onChunk: message => pathView?.acceptChunk(message),
@@ -75,12 +77,13 @@ const sideTabs = new Tabs(place('side-tabs'), place('side'), 'side');
 const openTab = (tabs, id) => () => tabs.select(id);
 
 const pathPanel = { node: element('div', { class: 'path-place' }) };
-pathView = new PathView(pathPanel.node, store, connection, orders, actions);
+const contourTable = new ContourTable(store, connection);
+pathView = new PathView(pathPanel.node, store, { connection, orders, actions, contours: contourTable });
 pathPanel.onShow = () => pathView.requestFrame();
 const jogPad = new JogPad(store, orders, actions);
 const listing = new Listing(store, connection, orders);
 const zeroPanel = new ZeroPanel(store, orders, actions);
-const contourList = new ContourList(store, connection, orders);
+const contourList = new ContourList(store, orders, contourTable);
 const mdiPanel = new MdiPanel(store, orders);
 const feedPanel = new FeedPanel(place('feed'), store, orders, actions);
 const helpPanel = new HelpPanel(store, actions);
@@ -109,6 +112,11 @@ const followShown = () => {
   document.body.dataset.feed = String(sideTabs.selected === 'feed');
 };
 sideTabs.onSelect = followShown;
+// A contour that is selected in the drawing is shown in the list, unless the list would cover the drawing.
+contourTable.on(from => {
+  if (from !== 'path' || contourTable.number === null) return;
+  if (place('side').offsetParent !== null) sideTabs.select('contours');
+});
 
 actions.register({
   messages: openTab(stageTabs, 'log'),

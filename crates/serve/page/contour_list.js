@@ -1,8 +1,8 @@
 // Lists the contours of the program: what is cut of each; starts at one, goes back to one, or skips it.
 //
-// Invariant: the list is the server's, fetched while it is in view.
+// Invariant: the actions are those of the selected contour, whether it was selected here or in the drawing.
 
-import { button, element, isOff, setOff, setText } from './element.js';
+import { button, element, isOff, setAttribute, setOff, setText } from './element.js';
 import { VirtualList } from './virtual_list.js';
 import { confirm } from './dialog.js';
 import { formatLength } from './units.js';
@@ -12,16 +12,16 @@ const ROW_HEIGHT = 44;
 const MAX_LINES = 4;
 const SIGNS = { cut: '■', begun: '◧', not_begun: '□', skipped: '–', passed: '–' };
 
-/** Contours. */
+/** Contours. `table` holds them. */
 export class ContourList {
-  constructor(store, connection, orders) {
-    Object.assign(this, { store, connection, orders });
-    this.contours = [];
+  constructor(store, orders, table) {
+    Object.assign(this, { store, orders, table });
     this.list = new VirtualList({
       label: 'Contours',
       rowHeight: ROW_HEIGHT,
       className: 'contours',
       onTap: index => this.choose(index),
+      onMark: index => this.choose(index),
       makeRow: () =>
         element(
           'div',
@@ -33,20 +33,31 @@ export class ContourList {
     this.act = button('Start here', () => this.perform(), { class: 'main' });
     this.skip = button('Skip it', () => this.performSkip());
     this.title = element('p', { class: 'list-title' });
+    this.number = element('input', {
+      type: 'text',
+      class: 'contour-number',
+      inputmode: 'numeric',
+      placeholder: 'No.',
+      'aria-label': 'Number of the contour to select',
+      autocomplete: 'off',
+      on: { input: () => this.chooseNumber() },
+    });
     this.node = element(
       'div',
       { class: 'column' },
-      element('div', { class: 'list-head' }, this.title, this.skip, this.act),
+      element('div', { class: 'list-head' }, this.title, this.number, this.skip, this.act),
       this.list.node,
     );
     store.on('state control link', () => this.showState());
+    table.on(from => this.showTable(from));
   }
 
   onShow() {
-    this.refresh();
+    this.table.refresh();
+    this.showTable('shown');
     clearInterval(this.timer);
     this.timer = setInterval(() => {
-      if (this.node.offsetParent !== null) this.refresh();
+      if (this.node.offsetParent !== null) this.table.refresh();
     }, REFRESH_MS);
   }
 
@@ -54,18 +65,22 @@ export class ContourList {
     clearInterval(this.timer);
   }
 
-  async refresh() {
-    try {
-      this.contours = (await this.connection.request('GET', '/api/v1/program/contours')).contours;
-      this.list.setCount(this.contours.length);
-    } catch {
-      /* the next refresh tries again */
+  /** Shows the contours, and scrolls to the selected one where it was not selected here. */
+  showTable(from) {
+    const { table, list } = this;
+    list.setCount(table.contours.length);
+    const index = table.indexOf(table.number);
+    list.mark(index);
+    if (from && from !== 'list' && index >= 0) list.reveal(index);
+    if (from && from !== 'number' && from !== 'shown') {
+      this.number.value = '';
+      setAttribute(this.number, 'aria-invalid', null);
     }
     this.showState();
   }
 
   fillRow(row, index) {
-    const contour = this.contours[index],
+    const contour = this.table.contours[index],
       [mark, name, cut] = row.children;
     if (!contour) return;
     const share = contour.length_mm > 0 && contour.cut_mm ? Math.min(contour.cut_mm / contour.length_mm, 1) : 0;
@@ -82,21 +97,44 @@ export class ContourList {
     row.classList.toggle('now', contour.number === this.store.state?.cutter?.contour);
   }
 
-  async choose(index) {
-    this.list.mark(index);
-    this.showState();
+  /** Selects the contour whose number is typed. */
+  chooseNumber() {
+    const text = this.number.value.trim(),
+      index = this.table.indexOf(text === '' ? null : Number(text));
+    setAttribute(this.number, 'aria-invalid', text !== '' && index < 0 ? 'true' : null);
+    if (index >= 0) {
+      this.choose(index, 'number');
+      return;
+    }
+    this.table.select(null, 'number');
+    this.store.choose(null);
+  }
+
+  /** Selects a contour, and shows its first line. */
+  async choose(index, from = 'list') {
+    const contour = this.table.contours[index];
+    if (!contour) return;
+    this.table.select(contour.number, from);
+    const found = await this.locate(contour);
+    if (found && this.table.number === contour.number) this.store.choose({ ...found, from: 'contour' });
+  }
+
+  /** First line of a contour that makes a motion, and its records. */
+  async locate({ line, records }) {
+    if (records) {
+      const answer = await this.orders.locate({ record: records[0] + 1 });
+      return answer ? { line: answer.line, records: answer.records } : null;
+    }
     // The line that lights the cutter makes no motion; the next one that does shows where the contour is.
-    const { line } = this.contours[index];
     for (let next = line; next < line + MAX_LINES; next++) {
       const answer = await this.orders.locate({ line: next });
-      if (!answer) continue;
-      this.store.choose({ line: next, records: answer.records, from: 'contour' });
-      break;
+      if (answer) return { line: next, records: answer.records };
     }
+    return null;
   }
 
   perform() {
-    const contour = this.contours[this.list.marked];
+    const contour = this.table.selected;
     if (!contour || isOff(this.act)) return;
     if (!this.store.isSetup) {
       this.orders.send(`back to contour ${contour.number}`);
@@ -110,27 +148,23 @@ export class ContourList {
     });
   }
 
-  performSkip() {
-    const contour = this.contours[this.list.marked];
+  async performSkip() {
+    const contour = this.table.selected;
     if (!contour || isOff(this.skip)) return;
-    this.orders.send(`skip contour ${contour.number}${contour.state === 'skipped' ? ' off' : ''}`);
-    this.refresh();
+    await this.orders.send(`skip contour ${contour.number}${contour.state === 'skipped' ? ' off' : ''}`);
+    this.table.refresh();
   }
 
   showState() {
     const { store } = this,
-      contour = this.contours[this.list.marked];
+      contour = this.table.selected,
+      count = this.table.contours.length;
     const isAhead = ['not_begun', 'skipped'].includes(contour?.state);
     setText(this.skip, contour?.state === 'skipped' ? 'Cut it' : 'Skip it');
     setOff(this.skip, !contour || !store.isHolder || !(store.isSetup || isAhead));
     setText(this.act, store.isSetup ? 'Start here' : 'Back to it');
     setOff(this.act, !contour || !(store.isSetup ? store.allows('cycle-start') : store.allows('back-by')));
-    setText(
-      this.title,
-      this.contours.length > 0
-        ? `${this.contours.length} ${this.contours.length === 1 ? 'contour' : 'contours'}`
-        : 'no contours',
-    );
+    setText(this.title, count > 0 ? `${count} ${count === 1 ? 'contour' : 'contours'}` : 'no contours');
     if (this.node.offsetParent !== null) this.list.render(true);
   }
 }

@@ -41,10 +41,10 @@ export function closeDialog(key) {
 
 /**
  * Opens a dialog. `key` names it; `content` is a list of nodes; `choices` are `{label, help, run, main, danger, off}`.
- * One that is not modal leaves the parts of the page around it free.
+ * One that is not modal leaves the parts of the page around it free; `isAside`, it leaves the drawing free.
  * The first choice that is neither main nor dangerous gets the focus, so that Enter changes nothing by accident.
  */
-export function openDialog({ key, title, content = [], choices, level = 'plain', isModal = true, onClose, focus }) {
+export function openDialog({ key, title, content = [], choices, level = 'plain', isModal = true, isAside, onClose, focus }) {
   const returnFocus = current?.returnFocus ?? document.activeElement;
   closeDialog();
   const buttons = choices.map(choice => {
@@ -82,6 +82,7 @@ export function openDialog({ key, title, content = [], choices, level = 'plain',
   place.append(node);
   place.classList.add('open');
   place.classList.toggle('free', !isModal);
+  place.classList.toggle('aside', isAside === true);
   current = { key, node, isModal, returnFocus, onClose };
   const safe =
     buttons.find((_, index) => choices[index].isSafe) ??

@@ -124,6 +124,14 @@ export class PathCamera {
     return x1 >= x - wide && x0 <= x + wide && y1 >= y - high && y0 <= y + high;
   }
 
+  /** The same camera, as seen by a path that is placed otherwise: turned around Z and moved. See `PathPlacement`. */
+  placed(placement) {
+    const { from, to } = placement,
+      turnBack = vector => placement.turnVector(vector, -1);
+    const center = turnBack(this.center.map((value, axis) => value - to[axis])).map((value, axis) => value + from[axis]);
+    return Object.assign(new PathCamera(), this, { right: turnBack(this.right), up: turnBack(this.up), center });
+  }
+
   /** Rows of the matrix from mm to clip space, and the offset. */
   uniforms() {
     const sx = (2 * this.scale) / this.width,

@@ -1,7 +1,7 @@
 // Draws the path with WebGL 2.
 //
-// Invariant: thick lines are drawn for a few segments only (current block, chosen line); everything else is thin, one
-// call a chunk.
+// Invariant: thick lines are drawn for a few segments only (current block, chosen line, contours, a job that is not
+// placed yet); everything else is thin, one call a chunk.
 
 import { VERTEX_BYTES } from './path_decoder.js';
 import { PathLayer } from './path_layer.js';
@@ -9,6 +9,7 @@ import { makePrograms } from './path_shaders.js';
 
 const PICK_RADIUS = 12;
 const MAX_THICK = 250_000;
+const MAX_THICK_SOFTWARE = 20_000;
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render|software/i;
 /** Largest record that a vertex can have. */
 const NEVER = 0x3fffffff;
@@ -147,11 +148,14 @@ export class PathRenderer {
     gl.uniform1f(uniforms.feed_share, state.feedShare);
     gl.uniform2fv(uniforms.only, EVERYTHING);
     gl.uniform4f(uniforms.only_ink, 0, 0, 0, 0);
+    gl.uniform1f(uniforms.only_dash, 0);
   }
 
-  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans, isAhead}`) over them:
-   * in their ink, or, with `isAhead`, only what lies ahead of the tool, and the rest in the colours of its state. */
-  draw(camera, state, chunks, ranges) {
+  /** Draws the chunks, then the spans of `ranges` (`{records, ink, width, spans, isAhead, dash}`) over them:
+   * in their ink, or, with `isAhead`, only what lies ahead of the tool, and the rest in the colours of its state. `dash`
+   * is the length of a dash and its gap, in records. `placed` (`{camera, state, chunks}` or null) is the path as it would
+   * lie elsewhere, over all that. */
+  draw(camera, state, chunks, ranges, placed = null) {
     if (this.isLost) return;
     const { gl, canvas } = this;
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -170,6 +174,7 @@ export class PathRenderer {
         },
       });
       this.drawRanges(camera, state, ranges);
+      this.drawPlaced(placed);
       return;
     }
     gl.clear(gl.COLOR_BUFFER_BIT);
@@ -182,6 +187,18 @@ export class PathRenderer {
     if (width > 0) this.drawQuads(chunks);
     else this.drawThin(chunks);
     this.drawRanges(camera, state, ranges);
+    this.drawPlaced(placed);
+  }
+
+  drawPlaced(placed) {
+    if (!placed) return;
+    const { camera, state, chunks } = placed;
+    const vertices = chunks.reduce((sum, chunk) => sum + chunk.count, 0),
+      isThick = vertices < (this.isSoftware ? MAX_THICK_SOFTWARE : MAX_THICK);
+    this.use('ink', camera, state, isThick ? 2 * state.ratio : 0);
+    if (isThick) this.drawQuads(chunks);
+    else this.drawThin(chunks);
+    this.gl.bindVertexArray(null);
   }
 
   drawRanges(camera, state, ranges) {
@@ -209,7 +226,7 @@ export class PathRenderer {
     }
   }
 
-  drawThick(camera, state, { records, ink, width, spans, isAhead }) {
+  drawThick(camera, state, { records, ink, width, spans, isAhead, dash }) {
     if (spans.length === 0) return;
     const { gl } = this;
     const cursor = Math.floor(state.record),
@@ -218,6 +235,7 @@ export class PathRenderer {
     gl.uniform2f(uniforms.only, records[0] - cursor, records[1] - cursor);
     gl.uniform4fv(uniforms.only_ink, ink);
     gl.uniform1f(uniforms.only_from, isAhead ? 0 : EVERYTHING[0]);
+    gl.uniform1f(uniforms.only_dash, dash ?? 0);
     gl.uniform1f(uniforms.dash, 1e9);
     for (const { chunk, from, count } of spans) this.drawSegments(chunk.mesh, from, count);
   }

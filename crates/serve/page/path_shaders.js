@@ -46,9 +46,10 @@ flat in uint kind;
 flat in vec2 end_pixel;
 uniform vec2 history;          // oldest and reached, relative to the cursor
 uniform vec2 only;             // range that is drawn
-uniform vec4 ink[6];           // planned, cut, retraced, before the history, rapid, paper
+uniform vec4 ink[6];           // planned, cut, retraced, before the history, rapid, paper; alpha 0 for none
 uniform vec4 only_ink;         // colour of the range, if its alpha is not 0,
-uniform float only_from;       // from this record on
+uniform float only_from;       // from this record on,
+uniform float only_dash;       // in dashes of so many records with their gaps, if it is not 0
 uniform float dash, feed_share;
 out vec4 colour;
 void main() {
@@ -58,7 +59,9 @@ void main() {
     if (mod(length(gl_FragCoord.xy - end_pixel), dash) > dash * 0.5) discard;
     c = along > 0.0 && along <= history.y ? c : ink[4];
   } else if (kind == 1u) c = mix(c, ink[5], feed_share);
+  if (c.a == 0.0) discard;
   colour = only_ink.a > 0.0 && along >= only_from ? only_ink : c;
+  if (only_dash > 0.0 && mod(along - only.x, only_dash) > only_dash * 0.5) colour = ink[5];
 }`;
 
 const PICK = `#version 300 es
@@ -82,6 +85,7 @@ const UNIFORMS = [
   'ink',
   'only_ink',
   'only_from',
+  'only_dash',
   'dash',
   'feed_share',
 ];

@@ -7,6 +7,8 @@ import { PathCamera, VIEWS } from './path_camera.js';
 import { PathChunks } from './path_chunks.js';
 import { PathRenderer } from './path_renderer.js';
 import { followGestures } from './path_gestures.js';
+import { PathPlacement } from './path_placement.js';
+import { nearestCut } from './path_hit.js';
 import { formatPosition } from './units.js';
 import { onSettingChange } from './settings.js';
 import { pathColours } from './path_colours.js';
@@ -19,11 +21,18 @@ const FIT_MARGIN_MM = 1;
 /** Room for the legend above and the tools below, in pixels. */
 const FIT_TOP = 30,
   FIT_BOTTOM = 56;
+/** A contour is selected by a tap within so many pixels of it. */
+const FINGER_PIXELS = 24;
+/** Most skipped contours that are drawn as such. */
+const MAX_SKIPPED = 200;
+const SKIPPED_DASH_PIXELS = 14;
+/** Ink of a range that is drawn in the colours of its state. */
+const STATE_COLOURS = [0, 0, 0, 0];
 
-/** The path view. `orders` asks which line made a record. */
+/** The path view. `orders` asks which line made a record, `contours` is the table of contours. */
 export class PathView {
-  constructor(place, store, connection, orders, actions) {
-    Object.assign(this, { store, connection, orders });
+  constructor(place, store, { connection, orders, actions, contours }) {
+    Object.assign(this, { store, connection, orders, contours });
     this.camera = new PathCamera();
     this.colours = pathColours();
     this.canvas = element('canvas', { id: 'path-canvas', role: 'img', 'aria-label': 'Tool path' });
@@ -32,6 +41,8 @@ export class PathView {
     this.ghost = mark('ghost', 'M12 4a8 8 0 1 0 0 16a8 8 0 1 0 0-16z');
     this.note = element('p', { class: 'path-note', hidden: true });
     this.chosenText = element('p', { class: 'chosen-text', 'aria-live': 'polite' });
+    // Where the list has no room beside the drawing.
+    this.listButton = button('Contour …', () => actions.perform('contours'), { class: 'contour-open', hidden: true });
     this.place = element(
       'div',
       { id: 'path-view' },
@@ -42,6 +53,7 @@ export class PathView {
       this.legend(),
       this.toolbar(),
       this.chosenText,
+      this.listButton,
       this.note,
     );
     place.append(this.place);
@@ -64,9 +76,11 @@ export class PathView {
     store.on('path', path => this.setPath(path));
     store.on('state', state => {
       this.locateBlock();
+      this.setPlacement(state.sheet?.placement ?? null);
       if (state.program.path === null && state.program.check !== 'checking') this.clearPath();
     });
     store.on('chosen', () => this.showChosen());
+    contours.on(() => this.showContours());
     onSettingChange(() => {
       this.colours = pathColours();
       this.requestFrame();
@@ -104,6 +118,8 @@ export class PathView {
       entry('rapid', 'rapid'),
       entry('old', 'before the history'),
       entry('block', 'block'),
+      (this.skippedEntry = entry('skipped', 'skipped')),
+      (this.placedEntry = entry('placed', 'as it would lie')),
     );
   }
 
@@ -201,9 +217,28 @@ export class PathView {
     return [0, 1, 2].map(axis => (mm?.[axis] ?? 0) - origin[axis]);
   }
 
+  /** Box of the program, and of where it would lie. */
   programBox() {
     const bounds = this.chunks.path?.bounds_mm;
-    return bounds ? [...this.toPath(bounds[0]), ...this.toPath(bounds[1])] : null;
+    if (!bounds) return null;
+    const box = [...this.toPath(bounds[0]), ...this.toPath(bounds[1])],
+      placed = this.pathPlacement()?.boxOf(box) ?? box;
+    return box.map((value, index) => (index < 3 ? Math.min : Math.max)(value, placed[index]));
+  }
+
+  /** Shows where the job would lie, by the `placement` of the server, until it is set or forgotten (`null`). */
+  setPlacement(placement) {
+    const key = JSON.stringify(placement);
+    this.placedEntry.hidden = placement === null;
+    if (key === (this.placementKey ?? 'null')) return;
+    Object.assign(this, { placement, placementKey: key });
+    if (this.follows === 'program') this.fit('program');
+    this.requestFrame();
+  }
+
+  /** Where the job would lie, in mm of the path that is shown, or null. */
+  pathPlacement() {
+    return this.placement && this.chunks.path ? new PathPlacement(this.placement, this.origin()) : null;
   }
 
   tableBox() {
@@ -291,7 +326,9 @@ export class PathView {
 
   async pick(x, y) {
     if (!this.renderer || !this.chosenChunks) return;
-    const record = this.renderer.pick(this.camera, this.state(), this.chosenChunks, x * this.ratio, y * this.ratio);
+    const record =
+      this.pickContour(x, y) ??
+      this.renderer.pick(this.camera, this.state(), this.chosenChunks, x * this.ratio, y * this.ratio);
     if (record === null) {
       this.store.choose(null);
       return;
@@ -300,9 +337,35 @@ export class PathView {
     this.store.choose(answer ? { line: answer.line, records: answer.records, from: 'path' } : null);
   }
 
+  /** Selects the contour at a pixel, or none. Returns the number of a record there, or null. */
+  pickContour(x, y) {
+    const hit = nearestCut(this.chosenChunks, this.camera, x, y, FINGER_PIXELS);
+    const contour = hit && this.contours.contourAt(this.shownPath, hit.record);
+    this.contours.select(contour?.number ?? null, 'path');
+    return contour ? Math.max(Math.ceil(hit.record), 1) : null;
+  }
+
+  /** Shows which contour is selected and which are skipped. */
+  showContours() {
+    const { contours } = this;
+    this.skipped = contours.contours.filter(contour => contours.isSkipped(contour));
+    this.skippedEntry.hidden = this.skipped.length === 0;
+    this.showChosenText();
+    this.requestFrame();
+  }
+
+  showChosenText() {
+    const { chosen } = this.store,
+      { number } = this.contours;
+    const parts = [number === null ? null : `contour ${number}`, chosen ? `line ${chosen.line}` : null].filter(Boolean);
+    setText(this.chosenText, parts.length > 0 ? `${parts.join(' · ')} chosen` : '');
+    this.listButton.hidden = number === null;
+    if (number !== null) setText(this.listButton, `Contour ${number} …`);
+  }
+
   showChosen() {
     const { chosen } = this.store;
-    setText(this.chosenText, chosen ? `line ${chosen.line} chosen` : '');
+    this.showChosenText();
     if (chosen && chosen.from !== 'path') {
       const point = this.chunks.positionOf(chosen.records[0]);
       if (point) {
@@ -333,7 +396,7 @@ export class PathView {
       record: live?.record ?? 0,
       oldest: live?.oldest ?? 0,
       reached: live?.reached ?? 0,
-      inks: this.colours.inks,
+      inks: this.placement ? this.colours.dimInks : this.colours.inks,
       paper: this.colours.paper,
       dash: 12 * this.ratio,
       ratio: this.ratio,
@@ -354,21 +417,51 @@ export class PathView {
     }
     this.chosenChunks = chunks;
     this.renderer?.setBox(this.store.hello ? this.tableBox() : null);
-    this.renderer?.draw(this.camera, this.state(), chunks, this.ranges());
+    this.renderer?.draw(this.camera, this.state(), chunks, this.ranges(), this.placedPath(most, now));
     this.placeMarks();
   }
 
+  /** The path as it would lie: camera, state and chunks, or null. */
+  placedPath(most, now) {
+    const placement = this.pathPlacement();
+    if (!placement) return null;
+    const camera = this.camera.placed(placement),
+      { chunks, wants } = this.chunks.choose(camera, most, now);
+    for (const want of wants) this.connection.send(want);
+    return { camera, chunks, state: { ...this.state(), inks: this.colours.placedInks } };
+  }
+
   ranges() {
-    const range = (records, ink, width, isAhead = false) => ({
-      isAhead,
+    const { contours } = this;
+    const range = (records, ink, width, more = {}) => ({
+      ...more,
       records,
       ink,
       width: width * this.ratio,
       spans: this.chunks.spans(records),
     });
-    const ranges = [];
-    if (this.blockRange) ranges.push(range(this.blockRange, this.colours.block, 3, true));
+    const ranges = this.skippedRanges(range);
+    const selected = contours.recordsOn(this.shownPath, contours.selected);
+    if (selected) {
+      // A wide band, with the path in the colours of its state on it.
+      ranges.unshift(range(selected, this.colours.contour, 9));
+      if (!contours.isSkipped(contours.selected)) ranges.push(range(selected, STATE_COLOURS, 3));
+    }
+    if (this.blockRange) ranges.push(range(this.blockRange, this.colours.block, 3, { isAhead: true }));
     if (this.store.chosen) ranges.push(range(this.store.chosen.records, this.colours.chosen, 5));
+    return ranges;
+  }
+
+  /** Ranges of skipped contours in the picture: dashed. */
+  skippedRanges(range) {
+    const ranges = [];
+    for (const contour of this.skipped ?? []) {
+      const records = this.contours.recordsOn(this.shownPath, contour);
+      if (!records || ranges.length >= MAX_SKIPPED) continue;
+      const pixels = Math.max(contour.length_mm ?? 0, 1e-3) * this.camera.scale;
+      const dash = ((records[1] - records[0]) * SKIPPED_DASH_PIXELS) / pixels;
+      ranges.push(range(records, this.colours.skipped, 3, { dash }));
+    }
     return ranges;
   }
 

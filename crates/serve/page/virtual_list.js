@@ -7,10 +7,10 @@ import { element } from './element.js';
 
 const MAX_HEIGHT = 8_000_000;
 
-/** List. `makeRow()` makes an empty row; `fillRow(row, index)` fills it. */
+/** List. `makeRow()` makes an empty row; `fillRow(row, index)` fills it; `onMark(index)` is called after a key marked it. */
 export class VirtualList {
-  constructor({ label, rowHeight, makeRow, fillRow, onFreeScroll, onTap, onDoubleTap, className = '' }) {
-    Object.assign(this, { rowHeight, makeRow, fillRow, onTap, onDoubleTap });
+  constructor({ label, rowHeight, makeRow, fillRow, onFreeScroll, onTap, onDoubleTap, onMark, className = '' }) {
+    Object.assign(this, { rowHeight, makeRow, fillRow, onTap, onDoubleTap, onMark });
     this.count = 0;
     this.rows = [];
     this.spacer = element('div', { class: 'list-spacer', 'aria-hidden': 'true' });
@@ -64,6 +64,7 @@ export class VirtualList {
       const index = Math.min(Math.max(from + step, 0), this.count - 1);
       this.mark(index);
       this.reveal(index);
+      this.onMark?.(index);
     } else if (event.key === 'Enter' && this.marked >= 0) {
       event.preventDefault();
       event.stopPropagation();

@@ -104,6 +104,7 @@ pub(crate) async fn get_contours(State(server): Shared) -> Json<Value> {
     let model = server.desk.model().clone();
     let planned = model.facts.contours.as_deref();
     let numbers = model.contours.numbers(planned);
+    let path = server.desk.newest().0.and_then(|snapshot| snapshot.path);
     let rows = numbers.into_iter().filter_map(|number| model.contours.row(number, planned));
     let contours: Vec<Value> = rows
         .map(|row| {
@@ -116,10 +117,15 @@ pub(crate) async fn get_contours(State(server): Shared) -> Json<Value> {
                 "cut_mm": row.cut_mm,
                 "not_cut_mm": row.not_cut_mm,
                 "state": row.state.name(),
+                "records": path.as_ref().and_then(|levels| levels.path.records_of_contour(row.number)),
             })
         })
         .collect();
-    Json(json!({"contours": contours, "current": model.contours.current().map(|(number, _)| number)}))
+    Json(json!({
+        "contours": contours,
+        "current": model.contours.current().map(|(number, _)| number),
+        "path": path.map(|levels| levels.number),
+    }))
 }
 
 pub(crate) async fn get_profile(State(server): Shared) -> Response {

@@ -3,6 +3,7 @@
 //! Invariant: a figure that is not known is `null`, never 0. The number of the state grows exactly where something has
 //! changed that an operator must have seen before he starts motion.
 
+use retrace_controller::SheetPlacement;
 use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
@@ -12,6 +13,9 @@ use serde::Serialize;
 
 /// Units of a record's fraction in a record.
 const FRACTIONS: f64 = 4_294_967_296.0;
+
+/// Maximum number of contours to be skipped that are shown.
+const MAX_SKIPPED: usize = 1000;
 
 /// Maximum number of findings of a check that are shown.
 const MAX_FINDINGS: usize = 100;
@@ -37,6 +41,8 @@ pub(crate) struct StateView {
     single: bool,
     optional_stop: bool,
     dry_run: bool,
+    /// Numbers of the contours that are skipped once they are reached, at most 1000.
+    skipped_contours: Vec<u32>,
     /// Points on the edge of the sheet, where any is taken.
     sheet: Option<SheetView>,
     #[serde(rename = "override")]
@@ -122,6 +128,38 @@ struct SheetView {
     points: usize,
     /// What they would set, or what comes next.
     text: String,
+    /// How they would move the job.
+    placement: Option<PlacementView>,
+    /// Distances of the contours from the ends of the travel in X and in Y.
+    travel_left_mm: Option<[[f64; 2]; 2]>,
+    travel_text: Option<String>,
+}
+
+/// Turns the job around its zero, and moves that to another place.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+struct PlacementView {
+    from_mm: [f64; 2],
+    to_mm: [f64; 2],
+    turn_deg: f64,
+}
+
+impl SheetView {
+    fn of(model: &ScreenModel) -> Option<Self> {
+        let placement = retrace_tui::sheet_placement(model);
+        (!model.sheet_points.is_empty()).then(|| Self {
+            points: model.sheet_points.len(),
+            text: retrace_tui::sheet_text(model),
+            placement: placement.map(|SheetPlacement { from_mm, to_mm, turn_deg }| PlacementView {
+                from_mm: from_mm.map(|mm| rounded(mm, 1e4)),
+                to_mm: to_mm.map(|mm| rounded(mm, 1e4)),
+                turn_deg: rounded(turn_deg, 1e6),
+            }),
+            travel_left_mm: retrace_tui::sheet_travel_left(model)
+                .map(|left| left.map(|of| of.map(|mm| rounded(mm, 1e3)))),
+            travel_text: retrace_tui::sheet_travel_text(model),
+        })
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -291,8 +329,8 @@ impl StateView {
             homing: model.homing.iter().map(|&homing| homing_name(homing)).collect(),
             single: model.single,
             optional_stop: model.optional_stop,
-            sheet: (!model.sheet_points.is_empty())
-                .then(|| SheetView { points: model.sheet_points.len(), text: retrace_tui::sheet_text(model) }),
+            skipped_contours: model.contours.skipped().take(MAX_SKIPPED).collect(),
+            sheet: SheetView::of(model),
             dry_run: model.dry_run,
             feed_override: rounded(model.override_rate, 1e4),
             rapid_override: rounded(model.rapid_override, 1e4),

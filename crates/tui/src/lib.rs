@@ -72,7 +72,9 @@ pub use path_length::PathLengths;
 pub use preview::Preview;
 pub use program_facts::{AxisFacts, CutterFacts, HeightFacts, Planned, ProgramCheck, ProgramFacts, Text, ToolFacts};
 pub use screen::{Screen, restore_terminal};
-pub use sheet_text::of as sheet_text;
+pub use sheet_text::{
+    of as sheet_text, placement as sheet_placement, travel_left as sheet_travel_left, travel_text as sheet_travel_text,
+};
 pub use trail::{Trail, TrailPoint};
 pub use ui_command::UiCommand;
 pub use work_tables::{TableChange, WORK_SYSTEMS, WorkSystem, WorkTables};

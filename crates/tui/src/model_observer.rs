@@ -237,7 +237,8 @@ fn record_executed(executed: &mut Option<(ExecutedPath, u64)>, place: Place, mod
         _ if is_lit || model.facts.cutters.is_empty() => PathKind::Cutting,
         _ => PathKind::Feed,
     };
-    path.push(model.in_space().map(|mm| (mm * 1e3).round() as i32), record, kind, model.line);
+    let contour = model.contours.current().map_or(0, |(number, _)| number);
+    path.push(model.in_space().map(|mm| (mm * 1e3).round() as i32), record, kind, model.line, contour);
     if model.period < *shown_next {
         return;
     }

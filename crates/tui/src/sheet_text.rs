@@ -2,9 +2,12 @@
 //!
 //! Invariant: what is shown is what is set when the operator accepts.
 
-use retrace_controller::SheetEdge;
+use retrace_controller::{SheetEdge, SheetPlacement};
 
 use crate::model::ScreenModel;
+
+/// Greatest deviation from the outline of the contours, mm.
+const OUTLINE_TOLERANCE_MM: f64 = 0.01;
 
 /// The same at the screen, with the key.
 pub(crate) fn with_keys(model: &ScreenModel) -> String {
@@ -37,6 +40,40 @@ pub fn of(model: &ScreenModel) -> String {
             Err(refusal) => refusal.cause,
         },
     }
+}
+
+/// How the edge would move the job, once both points are taken.
+#[must_use]
+pub fn placement(model: &ScreenModel) -> Option<SheetPlacement> {
+    let [first, second] = model.sheet_points[..] else { return None };
+    let [x, y, _] = model.facts.space();
+    let zero_mm = [*model.work_zero_mm.get(x?)?, *model.work_zero_mm.get(y?)?];
+    Some(SheetEdge::through(first, second).ok()?.placement(zero_mm, model.work_rotation_deg))
+}
+
+/// Distances in X and in Y that the contours would have from the lower and the upper soft limit, mm, where both points
+/// are taken and the contours are known.
+#[must_use]
+pub fn travel_left(model: &ScreenModel) -> Option<[[f64; 2]; 2]> {
+    let outline = model.facts.contours.as_ref()?.outline.vertices(OUTLINE_TOLERANCE_MM)?;
+    let [x, y, _] = model.facts.space();
+    let travel_mm = [model.facts.axes.get(x?)?.travel_mm, model.facts.axes.get(y?)?.travel_mm];
+    placement(model)?.travel_left(&outline, travel_mm)
+}
+
+/// What the contours would leave of the travel.
+#[must_use]
+pub fn travel_text(model: &ScreenModel) -> Option<String> {
+    let [x, y] = travel_left(model)?;
+    let sides = [("X-", x[0]), ("X+", x[1]), ("Y-", y[0]), ("Y+", y[1])];
+    let beyond: Vec<_> =
+        sides.iter().filter(|(_, mm)| *mm < 0.0).map(|(side, mm)| format!("{side} by {:.1} mm", -mm)).collect();
+    Some(if beyond.is_empty() {
+        let left = sides.map(|(side, mm)| format!("{side} {mm:.1}"));
+        format!("The contours would leave of the travel: {} mm", left.join(", "))
+    } else {
+        format!("The contours would be BEYOND THE TRAVEL: {}", beyond.join(", "))
+    })
 }
 
 fn place([x, y]: [f64; 2]) -> String {

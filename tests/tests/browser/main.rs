@@ -3,6 +3,7 @@
 //! What the machine does is read from the server beside the page. Times are waited for and never held against a limit
 //! that a loaded computer could miss.
 
+mod contours;
 mod control;
 mod layout;
 mod million;
@@ -11,6 +12,7 @@ mod notices;
 mod program_view;
 mod retrace_by_bar;
 mod setting_up;
+mod sheet;
 mod torch;
 
 use retrace_tests::browser::Browser;

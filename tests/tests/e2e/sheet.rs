@@ -120,6 +120,7 @@ fn the_screen_leads_through_it() {
     std::thread::sleep(std::time::Duration::from_millis(1500));
     terminal.keys("E");
     terminal.wait_for_text("80.0 mm of the edge along X: zero at X0.000 Y0.000 of the machine, turned by -1.432°");
+    terminal.wait_for_text("The contours would leave of the travel: X- 5");
     terminal.wait_for_text("y set zero and direction");
     terminal.keys("y");
     terminal.wait_for_text("READY");

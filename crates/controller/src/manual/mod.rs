@@ -9,7 +9,7 @@ mod sheet_edge;
 
 pub use frame::{CutFrame, FrameShape};
 pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};
-pub use sheet_edge::SheetEdge;
+pub use sheet_edge::{SheetEdge, SheetPlacement};
 
 /// A task of the operator.
 #[derive(Clone, Debug, PartialEq)]

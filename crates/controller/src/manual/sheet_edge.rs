@@ -52,6 +52,12 @@ impl SheetEdge {
         }
     }
 
+    /// Where a job whose work zero is at `zero_mm` of the machine, and whose X is turned by `rotation_deg`, will lie.
+    #[must_use]
+    pub fn placement(&self, zero_mm: [f64; 2], rotation_deg: f64) -> SheetPlacement {
+        SheetPlacement { from_mm: zero_mm, to_mm: self.first_mm, turn_deg: self.angle_deg - rotation_deg }
+    }
+
     /// The block that sets origin and direction of the coordinate system in force: with the offsets of G92 and of the
     /// tool that are in force as well, the first point is its zero.
     #[must_use]
@@ -63,6 +69,40 @@ impl SheetEdge {
         let turned = [x * cos - y * sin + tool_x, x * sin + y * cos + tool_y];
         let [x, y] = [0, 1].map(|axis| self.first_mm[axis] / unit_mm - turned[axis]);
         format!("G10 L2 P0 X{x:.9} Y{y:.9} R{:.12}", self.angle_deg)
+    }
+}
+
+/// How an edge of the sheet would move a job: turned around its work zero, which moves to another place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SheetPlacement {
+    /// Where the work zero is now, mm of the machine.
+    pub from_mm: [f64; 2],
+    /// Where it will be, mm of the machine.
+    pub to_mm: [f64; 2],
+    /// Angle by which the job will be turned further, degrees, counter-clockwise.
+    pub turn_deg: f64,
+}
+
+impl SheetPlacement {
+    /// Where a place of the job will be, mm of the machine.
+    #[must_use]
+    pub fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = self.turn_deg.to_radians().sin_cos();
+        let (x, y) = (x - self.from_mm[0], y - self.from_mm[1]);
+        [self.to_mm[0] + x * cos - y * sin, self.to_mm[1] + x * sin + y * cos]
+    }
+
+    /// Distances in X and in Y that places of the job will have from the lower and the upper end of the travel, mm;
+    /// negative where a place will be beyond it. `None` without a place.
+    #[must_use]
+    pub fn travel_left(&self, places: &[[f64; 2]], travel_mm: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
+        let placed: Vec<[f64; 2]> = places.iter().map(|&place| self.place(place)).collect();
+        let left = [0, 1].map(|axis| {
+            let values = placed.iter().map(|place| place[axis]);
+            let [low, high] = [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)];
+            [low - travel_mm[axis][0], travel_mm[axis][1] - high]
+        });
+        (!placed.is_empty()).then_some(left)
     }
 }
 
@@ -86,6 +126,24 @@ mod tests {
             let refused = SheetEdge::through([0.0; 2], second).expect_err("no edge");
             assert_eq!(refused.number, "E2163", "{second:?}");
         }
+    }
+
+    #[test]
+    fn what_is_left_of_the_travel_is_that_of_the_turned_job() {
+        let edge = SheetEdge::through([20.0, 10.0], [20.0, 110.0]).expect("an edge");
+        // Along Y, the job is not turned; from a system that was, it is turned back.
+        let placement = edge.placement([5.0, 5.0], 30.0);
+        assert_eq!((edge.is_along_y, placement.turn_deg), (true, -30.0));
+        let edge = SheetEdge::through([20.0, 10.0], [100.0, 70.0]).expect("an edge");
+        let placement = edge.placement([5.0, 5.0], 0.0);
+        let is_near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9;
+        assert!(is_near(placement.place([5.0, 5.0]), [20.0, 10.0]), "the zero is the first point");
+        assert!(is_near(placement.place([105.0, 5.0]), [100.0, 70.0]), "X goes through the second one");
+        assert!(is_near(placement.place([5.0, 105.0]), [-40.0, 90.0]));
+        let left =
+            placement.travel_left(&[[5.0, 5.0], [105.0, 5.0], [5.0, 105.0]], [[-20.0, 300.0]; 2]).expect("places");
+        assert!(is_near(left[0], [-20.0, 200.0]) && is_near(left[1], [30.0, 210.0]), "{left:?}");
+        assert_eq!(placement.travel_left(&[], [[-20.0, 300.0]; 2]), None);
     }
 
     proptest! {
@@ -120,6 +178,10 @@ mod tests {
             let turned = active.rotation_degrees;
             prop_assert!((x - first[0]).abs() < 1e-6 && (y - first[1]).abs() < 1e-6, "{x} {y} for {first:?}");
             prop_assert!((turned - degrees).to_radians().abs() < 1e-9);
+            // It is where the placement shows it.
+            let placed = edge.placement([1.0, 2.0], 0.0).place([1.0 + length, 2.0]);
+            let found = [x + length * cos, y + length * sin];
+            prop_assert!((placed[0] - found[0]).hypot(placed[1] - found[1]) < 1e-5, "{placed:?} {found:?}");
             // The second point is on that axis.
             let off = if is_along_y {
                 (second[0] - x) * cos + (second[1] - y) * sin

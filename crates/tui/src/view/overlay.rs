@@ -188,7 +188,11 @@ fn prompt(
             return;
         }
         PendingQuestion::AlignSheet => {
-            let lines = [sheet_text::of(model), "y set zero and direction · any other key: forget both points".into()];
+            let keys = "y set zero and direction · any other key: forget both points".to_owned();
+            let lines: Vec<String> = [Some(sheet_text::of(model)), sheet_text::travel_text(model), Some(keys)]
+                .into_iter()
+                .flatten()
+                .collect();
             draw_box(out, "the edge of the sheet", &lines, theme);
             return;
         }
