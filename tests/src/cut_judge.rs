@@ -142,3 +142,17 @@ fn judge_standing(whole: &Path, trace: &Path, machine: &JudgedMachine, standing_
     assert_eq!(verdict.good, verdict.is_good(), "a figure of the judge is not read here: {text}");
     verdict
 }
+
+/// Judges the height of a torch in a trace, with these options; the figures, and whether all are good.
+///
+/// # Panics
+/// Where the judge cannot read it.
+#[must_use]
+pub fn judge_heights(trace: impl AsRef<Path>, options: &[&str]) -> Value {
+    let mut command = at_lower_priority(binary());
+    let output = command.arg("heights").arg(trace.as_ref()).args(options).output().expect("the judge runs");
+    let figures: Value = serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    assert_eq!(output.status.code(), Some(if figures["good"] == true { 0 } else { 1 }), "{figures}");
+    figures
+}

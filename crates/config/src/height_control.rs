@@ -165,6 +165,14 @@ impl<'m> HeightControlOfCutter<'m> {
         self.config.enable.is_some()
     }
 
+    /// Longest time in s in which its motion comes to rest: from its maximum speed at the acceleration of the axis,
+    /// whose jerk rounds both ends. Another controller has one of its own, which is not known.
+    #[must_use]
+    pub fn rest_s(&self) -> f64 {
+        let (acceleration, jerk) = (self.axis.max_acceleration_mm_per_s2, self.axis.max_jerk_mm_per_s3);
+        if self.is_external() { 0.0 } else { self.config.max_mm_per_s / acceleration + 2.0 * acceleration / jerk }
+    }
+
     /// Difference of two readings for this difference in V; its sign is that of the input.
     #[must_use]
     pub fn readings(&self, volts: f64) -> f64 {

@@ -35,18 +35,33 @@ pub(crate) fn marked(model: &ScreenModel, numbers: &[u32], chosen: Option<u32>) 
     (!numbers.is_empty()).then(|| at.min(numbers.len() - 1))
 }
 
-/// Contour that is marked after this key, if it moves the mark.
-pub(crate) fn moved(model: &ScreenModel, chosen: Option<u32>, key: Key) -> Option<u32> {
+/// Which contour the operator has marked, and the number that he types.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct ContourMark {
+    /// The marked contour; `None` before a key has moved the mark.
+    pub(crate) chosen: Option<u32>,
+    /// The digits typed one after the other.
+    pub(crate) typed: u32,
+}
+
+/// The mark after this key, if it moves it. A number that is longer than any contour's begins anew.
+pub(crate) fn moved(model: &ScreenModel, mark: ContourMark, key: Key) -> Option<ContourMark> {
     let numbers = numbers(model);
-    let (at, last) = (marked(model, &numbers, chosen)?, numbers.len() - 1);
+    let (at, last) = (marked(model, &numbers, mark.chosen)?, numbers.len() - 1);
     let to = match key {
         Key::Up => at.saturating_sub(1),
         Key::Down => (at + 1).min(last),
         Key::PageUp => at.saturating_sub(PAGE),
         Key::PageDown => (at + PAGE).min(last),
+        Key::Char(digit) => {
+            let digit = digit.to_digit(10)?;
+            let longer = mark.typed.saturating_mul(10).saturating_add(digit);
+            let typed = if numbers.last().is_some_and(|&most| longer <= most) { longer } else { digit };
+            return Some(ContourMark { chosen: Some(typed), typed });
+        }
         _ => return None,
     };
-    numbers.get(to).copied()
+    Some(ContourMark { chosen: numbers.get(to).copied(), typed: 0 })
 }
 
 /// What Enter does.
@@ -88,7 +103,7 @@ pub(crate) fn title(model: &ScreenModel) -> String {
         (None, None) => "contours".into(),
     };
     let go = if model.stage == ScreenStage::Job { "back to it" } else { "begin there" };
-    format!("{count} · ↑ ↓ mark · Enter {go} · N skip or cut it · Esc close")
+    format!("{count} · ↑↓ 0-9 mark · Enter {go} · N skip or cut it · Esc close")
 }
 
 /// Why the page is empty.
@@ -139,7 +154,7 @@ pub(crate) fn detail_text(model: &ScreenModel, row: &ContourRow<'_>) -> String {
         let each = axes.map(|(axis, mm)| format!("{} {mm:.3}", axis.letter.to_ascii_uppercase()));
         each.collect::<Vec<_>>().join(" ")
     };
-    format!("{}, from {} to {}", planned.cutter, place(&planned.pierce_mm), place(&planned.end_mm))
+    format!("{}, from {} to {} of the machine", planned.cutter, place(&planned.pierce_mm), place(&planned.end_mm))
 }
 
 #[cfg(test)]
@@ -167,13 +182,29 @@ mod tests {
     fn keys_move_the_mark_within_the_list() {
         let model = model(&[3, 4, 5, 9]);
         let keys = [(Key::Down, 4), (Key::PageDown, 9), (Key::Down, 9), (Key::Up, 5), (Key::PageUp, 3), (Key::Up, 3)];
-        let mut chosen = None;
+        let mut mark = ContourMark::default();
         for (key, number) in keys {
-            chosen = moved(&model, chosen, key);
-            assert_eq!(chosen, Some(number), "{key:?}");
+            mark = moved(&model, mark, key).expect("it moves the mark");
+            assert_eq!(mark.chosen, Some(number), "{key:?}");
         }
-        assert_eq!(moved(&model, chosen, Key::Enter), None);
-        assert_eq!(moved(&self::model(&[]), None, Key::Down), None, "an empty list");
+        assert_eq!(moved(&model, mark, Key::Enter), None);
+        assert_eq!(moved(&self::model(&[]), ContourMark::default(), Key::Down), None, "an empty list");
+    }
+
+    #[test]
+    fn a_typed_number_marks_its_contour() {
+        let model = model(&[3, 4, 5, 12, 35]);
+        let typed = |keys: &str| {
+            let mark = keys.chars().fold(ContourMark::default(), |mark, key| {
+                let key = if key == '+' { Key::Down } else { Key::Char(key) };
+                moved(&model, mark, key).expect("it moves the mark")
+            });
+            let numbers = numbers(&model);
+            marked(&model, &numbers, mark.chosen).map(|at| numbers[at])
+        };
+        let found = ["4", "12", "35", "355", "3+5", "7", "99999999999"].map(typed);
+        assert_eq!(found, [4, 12, 35, 5, 5, 12, 12].map(Some));
+        assert_eq!(moved(&model, ContourMark::default(), Key::Char('q')), None);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
-use crate::contour_page::{self, ContourChoice};
+use crate::contour_page::{self, ContourChoice, ContourMark};
 use crate::files;
 use crate::keys::{self, Key, KeyAction, Situation};
 use crate::model::{ScreenModel, ScreenStage};
@@ -27,7 +27,7 @@ pub(crate) enum OpenDialog {
     /// The tool table.
     Tools,
     /// The contours, with the number of the one that was marked.
-    Contours(Option<u32>),
+    Contours(ContourMark),
     /// All messages, with the number of lines scrolled back.
     Messages(usize),
     /// Prompt: question, text typed so far, and the error in it.
@@ -371,7 +371,7 @@ impl KeyState {
             KeyAction::Quit => ask(PendingQuestion::Stop, ""),
             KeyAction::Help => OpenDialog::Help(0),
             KeyAction::Tools => OpenDialog::Tools,
-            KeyAction::Contours => OpenDialog::Contours(None),
+            KeyAction::Contours => OpenDialog::Contours(ContourMark::default()),
             KeyAction::Messages => OpenDialog::Messages(0),
             _ => OpenDialog::Nothing,
         };
@@ -467,11 +467,12 @@ impl KeyState {
     }
 
     /// Handles a key while the contours are shown.
-    fn key_in_contours(&mut self, key: Key, at: Option<u32>, ms: u64, model: &ScreenModel) -> Option<UiCommand> {
-        if let Some(number) = contour_page::moved(model, at, key) {
-            self.open = OpenDialog::Contours(Some(number));
+    fn key_in_contours(&mut self, key: Key, mark: ContourMark, ms: u64, model: &ScreenModel) -> Option<UiCommand> {
+        if let Some(mark) = contour_page::moved(model, mark, key) {
+            self.open = OpenDialog::Contours(mark);
             return None;
         }
+        let at = mark.chosen;
         if matches!(key, Key::Char('n' | 'N')) {
             // The list stays open: several are skipped at a time.
             match contour_page::skip(model, at) {
@@ -507,8 +508,8 @@ impl KeyState {
             self.open = OpenDialog::Nothing;
             return Some(UiCommand::CutterOff);
         }
-        if let OpenDialog::Contours(chosen) = self.open {
-            return self.key_in_contours(key, chosen, now_ms, model);
+        if let OpenDialog::Contours(mark) = self.open {
+            return self.key_in_contours(key, mark, now_ms, model);
         }
         let OpenDialog::Prompt(ask, text, wrong) = &mut self.open else {
             match (&mut self.open, key) {

@@ -3,11 +3,13 @@
 //! Invariant: it depends on the standard library alone, so that no defect of retrace can be a defect of its judge.
 #![forbid(unsafe_code)]
 
+mod heights;
 mod kerf;
 mod place_ranges;
 mod vcd;
 mod verdict;
 
+use heights::{HeightMachine, HeightVerdict};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, BufReader, Write as _};
@@ -63,6 +65,41 @@ For each trace it prints one JSON object in a line:
 Exit codes: 0 all traces are good, 1 one is not, 2 wrong arguments or a file that cannot be read.
 
 Example: cut-judge whole.vcd recovered.vcd --pulses-per-mm 160 --pierce-ms 200
+
+`cut-judge heights` judges the height of a torch instead; `cut-judge heights --help` describes it.
+";
+
+const HEIGHTS_HELP: &str = "\
+Judges the height of a torch over a sheet that is warped as with `--source-faults warp=MM`.
+
+Usage: cut-judge heights TRACE.vcd... [OPTIONS]
+
+Options:
+  --pulses-per-mm N    pulses per mm of X and Y [default: 200]
+  --z-pulses-per-mm N  pulses per mm of the tool axis, Z [default: 400]
+  --sheet-mm N         height of the sheet at X0 in machine coordinates, a depth below 0 [default: 70]
+  --rise-mm N          what the sheet rises from X0 to X500 [default: 5]
+  --height-mm N        height of the cut over the sheet [default: 1.5]
+  --feed N             feed rate of the cut, mm/min [default: 3000]
+  --kerf-mm N          width of the kerf; 0: no kerf is known [default: 1.4]
+  --fire NAME          output that switches the cutter [default: spindle]
+  --input N            input that proves the cutter, 0 to 63 [default: 5]
+  --help               this text
+
+For each trace it prints one JSON object in a line:
+  trace               the file
+  good                true where the figures below allow it
+  cut                 samples in motion with a proven arc; none is not good
+  beyond              those whose height deviates by more than 0.25 mm, by the pulses at the pins: at most 5 %
+  worst_mm            largest deviation: at most 0.5 mm
+  wrong_pulses        samples at which the tool axis has made other pulses than path and layer say: 0
+  moved_in_corner     samples in which the layer changed below 90 % of the feed, at the planned rate: 0
+  over_kerf           samples closer than a kerf to a place that was cut before
+  moved_over_kerf     those in which the layer changed: 0
+  moved_in_rapid      samples in which the layer changed with the path in motion and the torch off for 0.2 s: 0
+  layer_at_end        the layer at the end, in pulses: 0
+
+Exit codes: 0 all traces are good, 1 one is not, 2 wrong arguments or a file that cannot be read.
 ";
 
 /// What the command line asks for.
@@ -128,14 +165,72 @@ fn input(text: &str) -> Result<u32, String> {
     number.ok_or_else(|| format!("`{text}` is not the number of an input; give --input a number from 0 to 63"))
 }
 
+/// Arguments of `cut-judge heights`: the files, the cutter and the machine.
+fn read_heights(words: &[String]) -> Result<(Vec<String>, CutterSignals, HeightMachine), String> {
+    let mut machine = HeightMachine {
+        pulses_per_mm: [200.0, 400.0],
+        sheet_mm: [-70.0, 5.0],
+        height_mm: 1.5,
+        feed_mm_per_s: 50.0,
+        kerf_mm: 1.4,
+    };
+    let mut cutter = CutterSignals { fire: "spindle".into(), input: 5 };
+    let mut files = Vec::new();
+    let mut rest = words.iter();
+    while let Some(word) = rest.next() {
+        if !word.starts_with("--") {
+            files.push(word.clone());
+            continue;
+        }
+        let mut value = || rest.next().ok_or(format!("{word} has no value; write it behind the option"));
+        match word.as_str() {
+            "--fire" => cutter.fire = value()?.clone(),
+            "--input" => cutter.input = input(value()?)?,
+            "--pulses-per-mm" => machine.pulses_per_mm[0] = positive(word, value()?)?,
+            "--z-pulses-per-mm" => machine.pulses_per_mm[1] = positive(word, value()?)?,
+            "--sheet-mm" => machine.sheet_mm[0] = -number(word, value()?)?,
+            "--rise-mm" => machine.sheet_mm[1] = number(word, value()?)?,
+            "--height-mm" => machine.height_mm = positive(word, value()?)?,
+            "--feed" => machine.feed_mm_per_s = positive(word, value()?)? / 60.0,
+            "--kerf-mm" => machine.kerf_mm = number(word, value()?)?,
+            _ => return Err(format!("there is no option `{word}`; `cut-judge heights --help` lists them")),
+        }
+    }
+    if files.is_empty() {
+        return Err("no trace is named: cut-judge heights TRACE.vcd; see `cut-judge heights --help`".into());
+    }
+    Ok((files, cutter, machine))
+}
+
+/// Judges the heights of every trace, prints its line, and returns whether all are good.
+fn judge_heights(words: &[String]) -> Result<bool, String> {
+    let (files, cutter, machine) = read_heights(words)?;
+    let mut all_good = true;
+    for path in &files {
+        let file = File::open(path).map_err(|error| format!("{path}: {}", ReadError::File(error)))?;
+        let trace = TraceReader::open(BufReader::with_capacity(1 << 16, file), &cutter);
+        let verdict: HeightVerdict =
+            trace.and_then(|trace| heights::judge(trace, &machine)).map_err(|error| format!("{path}: {error}"))?;
+        let line = object(path, verdict.is_good(), &verdict.figures());
+        writeln!(io::stdout(), "{line}").map_err(cannot_write)?;
+        all_good &= verdict.is_good();
+    }
+    Ok(all_good)
+}
+
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let heights = words.split_first().filter(|(first, _)| *first == "heights").map(|(_, rest)| rest);
     if words.iter().any(|word| word == "--help" || word == "-h") {
         // a reader that has seen enough of it is no error
-        let _ = io::stdout().write_all(HELP.as_bytes());
+        let _ = io::stdout().write_all(if heights.is_some() { HEIGHTS_HELP } else { HELP }.as_bytes());
         return ExitCode::SUCCESS;
     }
-    match Arguments::read(&words).and_then(|arguments| judge_files(&arguments)) {
+    let judged = match heights {
+        Some(rest) => judge_heights(rest),
+        None => Arguments::read(&words).and_then(|arguments| judge_files(&arguments)),
+    };
+    match judged {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(NOT_GOOD),
         Err(reason) => {
@@ -172,8 +267,12 @@ fn cannot_write(error: io::Error) -> String {
 }
 
 fn json_line(path: &str, verdict: &Verdict) -> String {
-    let mut line = format!("{{\"trace\":{},\"good\":{}", json_text(path), verdict.is_good());
-    for (name, value) in verdict.figures() {
+    object(path, verdict.is_good(), &verdict.figures())
+}
+
+fn object(path: &str, is_good: bool, figures: &[(&'static str, String)]) -> String {
+    let mut line = format!("{{\"trace\":{},\"good\":{is_good}", json_text(path));
+    for (name, value) in figures {
         let _ = write!(line, ",\"{name}\":{value}");
     }
     line + "}"

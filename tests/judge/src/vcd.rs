@@ -1,6 +1,7 @@
 //! Reads the signals that a judge needs from a value change dump (IEEE 1364-2005, clause 18), moment by moment.
 //!
-//! Invariant: one line of the file is in memory at a time; a sample has the values of the file and nothing derived.
+//! Invariant: one line of the file is in memory at a time; a sample has the values of the file, and the number of the
+//! pulses in it.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -31,6 +32,10 @@ pub(crate) struct Sample {
     pub(crate) has_line: bool,
     /// Count of each axis, in the order of the file.
     pub(crate) counts: Vec<i64>,
+    /// Layer of the tool axis, in pulses; 0 where the trace has none.
+    pub(crate) layer: i64,
+    /// Pulses of each axis before the moment, those backward subtracted.
+    pub(crate) pulses_before: Vec<i64>,
 }
 
 /// What a trace calls the cutter.
@@ -77,7 +82,10 @@ enum Signal {
     Line,
     Inputs,
     Fire,
+    Layer,
     Count(usize),
+    Step(usize),
+    Backward(usize),
 }
 
 impl Signal {
@@ -91,7 +99,10 @@ impl Signal {
             Self::Line => "card.line",
             Self::Inputs => "card.inputs",
             Self::Fire => "fire",
+            Self::Layer => "card.layer",
             Self::Count(_) => "count",
+            Self::Step(_) => "step",
+            Self::Backward(_) => "backward",
         }
     }
 }
@@ -110,6 +121,9 @@ pub(crate) struct TraceReader<R> {
     /// Unit of time: this many femtoseconds.
     unit_fs: u128,
     now: Sample,
+    /// Pulses of each axis up to now, and whether its direction is backward.
+    pulses: Vec<i64>,
+    backward: Vec<bool>,
     has_changed: bool,
 }
 
@@ -129,11 +143,15 @@ impl<R: BufRead> TraceReader<R> {
             cutter: cutter.clone(),
             unit_fs: 1_000_000,
             now: Sample::default(),
+            pulses: Vec::new(),
+            backward: Vec::new(),
             has_changed: false,
         };
         reader.read_declarations()?;
         reader.check_signals()?;
-        reader.now.counts = vec![0; reader.axes.len()];
+        let axes = reader.axes.len();
+        (reader.now.counts, reader.now.pulses_before) = (vec![0; axes], vec![0; axes]);
+        (reader.pulses, reader.backward) = (vec![0; axes], vec![false; axes]);
         Ok(reader)
     }
 
@@ -162,6 +180,7 @@ impl<R: BufRead> TraceReader<R> {
                     sample.clone_from(&self.now);
                 }
                 self.now.at_ns = at_ns;
+                self.now.pulses_before.clone_from(&self.pulses);
                 if is_complete {
                     return Ok(true);
                 }
@@ -231,13 +250,22 @@ impl<R: BufRead> TraceReader<R> {
             ("card", "alarm") => Some(Signal::Alarm),
             ("card", "line") => Some(Signal::Line),
             ("card", "inputs") => Some(Signal::Inputs),
+            ("card", "layer") => Some(Signal::Layer),
             ("outputs", _) => {
                 self.outputs.push(name.to_owned());
                 (name == self.cutter.fire).then_some(Signal::Fire)
             }
-            (axis, "count") => {
-                self.axes.push(axis.to_owned());
-                Some(Signal::Count(self.axes.len() - 1))
+            (axis, "count" | "step" | "backward") => {
+                let known = self.axes.iter().position(|other| other == axis);
+                let index = known.unwrap_or(self.axes.len());
+                if known.is_none() {
+                    self.axes.push(axis.to_owned());
+                }
+                Some(match name {
+                    "count" => Signal::Count(index),
+                    "step" => Signal::Step(index),
+                    _ => Signal::Backward(index),
+                })
             }
             _ => None,
         };
@@ -250,7 +278,11 @@ impl<R: BufRead> TraceReader<R> {
         if let Some(name) = needed.iter().find(|name| !has(name)) {
             return Err(ReadError::Content(format!("it has no signal `{name}`; {WRITE_AGAIN}")));
         }
-        if let Some(axis) = ["x", "y"].iter().find(|name| !self.axes.iter().any(|axis| axis == *name)) {
+        let has_count = |name: &str| {
+            let index = self.axes.iter().position(|axis| axis == name);
+            self.signals.values().flatten().any(|of| matches!(of, Signal::Count(at) if Some(*at) == index))
+        };
+        if let Some(axis) = ["x", "y"].iter().find(|name| !has_count(name)) {
             return Err(ReadError::Content(format!("it has no signal `{axis}.count`; {WRITE_AGAIN}")));
         }
         if !has(Signal::Fire.name()) {
@@ -289,7 +321,17 @@ impl<R: BufRead> TraceReader<R> {
             (Signal::Fire, _) => now.is_lit = is_set,
             (Signal::Inputs, Value::Bits(bits)) => now.is_proven = bits >> self.cutter.input & 1 == 1,
             // a negative number is written with all of its 64 bits
+            (Signal::Layer, Value::Real(layer)) => now.layer = layer as i64,
             (Signal::Count(axis), Value::Bits(bits)) => now.counts[axis] = bits.cast_signed(),
+            // pulses make no moment of their own
+            (Signal::Backward(axis), _) => {
+                self.backward[axis] = is_set;
+                return Ok(());
+            }
+            (Signal::Step(axis), _) => {
+                self.pulses[axis] += i64::from(is_set) * if self.backward[axis] { -1 } else { 1 };
+                return Ok(());
+            }
             _ => return Err(self.wrong_line("is not a value of this signal")),
         }
         self.has_changed = true;

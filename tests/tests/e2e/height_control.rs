@@ -6,6 +6,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains, root};
+use retrace_tests::cut_judge::judge_heights;
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
@@ -248,6 +249,31 @@ fn a_machine_without_a_voltage_refuses_its_words() {
         assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
         let refused: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
         assert!(refused.len() == 1 && refused[0].contains(wanted), "{refused:?} {}", run.output.out);
+    }
+}
+
+/// The judge, which is a program of its own, on the pulses at the pins: a warped sheet with a corner and two kerfs that
+/// are crossed, as it is, with a hold and a recovery, and with a loss and one.
+#[test]
+fn a_separate_judge_finds_the_height_right() {
+    const PROGRAM: &str = "G21 G90 F3000\nG0 X100 Y-20\nM3 S1\nG1 Y20\nM5\nG0 X300 Y-20\nM3\nG1 Y20\nM5\nG0 X10 Y0\n\
+        M3\nG1 X400\nG1 Y60\nG1 X250\nM5\nG0 X0 Y0\nM2\n";
+    for (fault, script) in [
+        ("", ""),
+        ("", "at line 12 override 100%\nafter 2s hold\nafter 3s recover\n"),
+        (",lose@190.3", "at 40s recover\n"),
+        (",lose@380", "at 40s recover\n"),
+    ] {
+        let bench = bench("delay_s = 0.1", PROGRAM);
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let faults = format!("warp={RISE}{fault}");
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", &faults, "--operator", &operator];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        let outcome = (&run.report["outcome"], run.number("not_cut_mm"));
+        assert_eq!(outcome, (&json!("completed"), 0.0), "{fault} {script}: {}", run.output.err);
+        let figures = judge_heights(&vcd, &[]);
+        assert!(figures["good"] == true && figures["over_kerf"].as_u64() >= Some(80), "{fault} {script}: {figures}");
     }
 }
 

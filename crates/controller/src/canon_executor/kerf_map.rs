@@ -23,6 +23,8 @@ const NEXT_CONTOUR_MM: f64 = 1e6;
 #[derive(Clone, Debug)]
 pub(super) struct KerfMap {
     kerf_mm: f64,
+    /// Length in mm that the torch cuts while its height comes to rest.
+    rest_mm: f64,
     cells: HashMap<[i32; 2], f64>,
     /// Length of all cuts so far, mm.
     length_mm: f64,
@@ -59,7 +61,7 @@ impl FlatMove {
         }
     }
 
-    /// The place at a share of its length.
+    /// The place at a share of its length; beyond 1, on its continuation.
     fn at(&self, share: f64) -> [f64; 2] {
         match *self {
             Self::Line(from, to) => [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis])),
@@ -77,9 +79,10 @@ fn distance(from: [f64; 2], to: [f64; 2]) -> f64 {
 }
 
 impl KerfMap {
-    /// The map of a program with kerfs of this width, mm.
-    fn new(kerf_mm: f64) -> Self {
-        Self { kerf_mm, cells: HashMap::new(), length_mm: 0.0, since_near_mm: f64::INFINITY, holds: false }
+    /// The map of a program with kerfs of this width, mm, and a height that comes to rest within this length of a cut,
+    /// mm.
+    fn new(kerf_mm: f64, rest_mm: f64) -> Self {
+        Self { kerf_mm, rest_mm, cells: HashMap::new(), length_mm: 0.0, since_near_mm: f64::INFINITY, holds: false }
     }
 
     fn cell(&self, at: [f64; 2]) -> [i32; 2] {
@@ -101,20 +104,31 @@ impl KerfMap {
     }
 
     /// Follows a move of the contour: the shares of its length at which the height begins or ceases to be held, from
-    /// one kerf before to one behind.
+    /// one kerf before, and the length in which it comes to rest, to one behind. What comes behind the move is not
+    /// known yet: it is taken to continue.
     fn follow(&mut self, flat: FlatMove) -> Vec<(f64, bool)> {
         let length_mm = flat.length_mm();
+        if length_mm <= 0.0 {
+            return Vec::new();
+        }
         let steps = (2.0 * length_mm / self.kerf_mm).ceil().clamp(1.0, 1e6) as usize;
-        let (step_mm, ahead) =
-            (length_mm / steps as f64, 2 + (self.kerf_mm * steps as f64 / length_mm.max(1e-9)) as usize);
+        let step_mm = length_mm / steps as f64;
         let share = |step: usize| step as f64 / steps as f64;
-        let near: Vec<bool> = (0..=steps)
-            .map(|step| self.is_near(flat.at(share(step)), self.length_mm + step_mm * step as f64))
-            .collect();
+        let is_near = |share: f64| self.is_near(flat.at(share), self.length_mm + length_mm * share.min(1.0));
+        let near: Vec<bool> = (0..=steps).map(|step| is_near(share(step))).collect();
+        let ahead_mm = self.kerf_mm + self.rest_mm;
+        let halves = (1..).map(|n| f64::from(n) * self.kerf_mm / 2.0).take_while(|mm| *mm <= ahead_mm);
+        let mut next_mm = halves.map(|mm| (mm, is_near(1.0 + mm / length_mm))).find(|of| of.1).map_or(1e9, |of| of.0);
+        // Length from each step to the next place that is near a kerf.
+        let mut to_near_mm = vec![0.0; steps + 1];
+        for (to_near_mm, &near) in to_near_mm.iter_mut().zip(&near).rev() {
+            *to_near_mm = if near { 0.0 } else { next_mm };
+            next_mm = *to_near_mm + step_mm;
+        }
         let mut changes = Vec::new();
         for step in 0..=steps {
             self.since_near_mm = if near[step] { 0.0 } else { self.since_near_mm + step_mm };
-            let holds = self.since_near_mm <= self.kerf_mm || near[step..].iter().take(ahead).any(|&near| near);
+            let holds = self.since_near_mm <= self.kerf_mm || to_near_mm[step] <= ahead_mm + step_mm;
             if holds != std::mem::replace(&mut self.holds, holds) {
                 changes.push((share(step), holds));
             }
@@ -131,16 +145,17 @@ impl KerfMap {
 }
 
 impl CanonExecutor<'_> {
-    /// The kerf that height control has to know, mm; `None` where it does not act.
-    fn controlled_kerf_mm(&self) -> Option<f64> {
-        self.machine.height_control()?;
-        self.material.as_ref().filter(|of| of.height_control && of.kerf_mm > 0.0).map(|of| of.kerf_mm)
+    /// The map of the kerfs that height control has to know; `None` where it does not act.
+    fn controlled_kerfs(&self) -> Option<KerfMap> {
+        let control = self.machine.height_control()?;
+        let of = self.material.as_ref().filter(|of| of.height_control && of.kerf_mm > 0.0)?;
+        Some(KerfMap::new(of.kerf_mm, of.feed_mm_per_min / 60.0 * control.rest_s()))
     }
 
     /// Begins a contour for the map of kerfs.
     pub(super) fn begin_kerf(&mut self) {
-        if let Some(kerf_mm) = self.controlled_kerf_mm() {
-            self.kerfs.get_or_insert_with(|| KerfMap::new(kerf_mm)).begin();
+        if let Some(kerfs) = self.controlled_kerfs() {
+            self.kerfs.get_or_insert(kerfs).begin();
         }
     }
 
@@ -215,7 +230,7 @@ mod tests {
 
     #[test]
     fn a_kerf_that_is_crossed_is_held_from_before_to_behind() {
-        let mut map = KerfMap::new(1.5);
+        let mut map = KerfMap::new(1.5, 0.0);
         assert_eq!(held(&mut map, &[FlatMove::Line([50.0, -50.0], [50.0, 50.0])]), [[0.0; 2]; 0]);
         let [[from, to]] = held(&mut map, &[FlatMove::Line([0.0, 0.0], [100.0, 0.0])])[..] else { panic!("one kerf") };
         // The kerf is near within 1.5 mm and a cell; one kerf more is held before and behind.
@@ -226,7 +241,7 @@ mod tests {
 
     #[test]
     fn a_contour_meets_its_own_beginning() {
-        let mut map = KerfMap::new(1.5);
+        let mut map = KerfMap::new(1.5, 0.0);
         let circle = FlatMove::arc([20.0, 0.0], [20.0, 0.0], [0.0, 0.0], 1);
         let spans = held(&mut map, &[FlatMove::Line([15.0, 0.0], [20.0, 0.0]), circle]);
         let around = 40.0 * TAU / 2.0;
@@ -237,9 +252,10 @@ mod tests {
         /// However the path is divided: near a crossing it is held, far from one it is not.
         #[test]
         fn crossings_are_held_however_the_path_is_divided(
-            parts in prop::collection::vec(0.05..20.0f64, 1..40), kerf in 0.5..3.0f64, x in 5.0..60.0f64,
+            parts in prop::collection::vec(0.05..20.0f64, 1..40), kerf in 0.5..3.0f64, rest in 0.0..4.0f64,
+            x in 5.0..60.0f64,
         ) {
-            let mut map = KerfMap::new(kerf);
+            let mut map = KerfMap::new(kerf, rest);
             held(&mut map, &[FlatMove::Line([x, -30.0], [x, 30.0])]);
             let mut at = 0.0;
             let moves: Vec<FlatMove> = parts
@@ -254,9 +270,9 @@ mod tests {
             let is_held = |mm: f64| spans.iter().any(|span| (span[0]..=span[1]).contains(&mm));
             for step in 0..(at * 4.0) as u32 {
                 let mm = f64::from(step) / 4.0;
-                if (mm - x).abs() < 0.9 * kerf {
+                if (x - mm) < 0.9 * kerf + rest && (mm - x) < 0.9 * kerf {
                     prop_assert!(is_held(mm), "{} {:?}", mm, spans);
-                } else if (mm - x).abs() > 3.5 * kerf + 0.5 {
+                } else if x - mm > 3.5 * kerf + rest + 0.5 || mm - x > 3.5 * kerf + 0.5 {
                     prop_assert!(!is_held(mm), "{} {:?}", mm, spans);
                 }
             }

@@ -13,6 +13,7 @@ use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
 
 use super::{PLAIN, drawn, rows, text};
+use crate::contour_page::ContourMark;
 use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{Key, TABLE};
 use crate::model::{AlarmShown, Pause, ScreenModel, ScreenStage};
@@ -88,7 +89,8 @@ fn any_open() -> impl Strategy<Value = OpenDialog> {
         Just(OpenDialog::Nothing),
         (0..90usize).prop_map(OpenDialog::Help),
         Just(OpenDialog::Tools),
-        prop::option::of(0..20u32).prop_map(OpenDialog::Contours),
+        (prop::option::of(0..20u32), any::<u32>())
+            .prop_map(|(chosen, typed)| OpenDialog::Contours(ContourMark { chosen, typed })),
         Just(OpenDialog::Prompt(PendingQuestion::StartContour(7), String::new(), None)),
         (0..300usize).prop_map(OpenDialog::Messages),
         "\\PC{0,300}".prop_map(|text| OpenDialog::Prompt(PendingQuestion::Mdi, text.clone(), Some(text))),

@@ -35,7 +35,7 @@ pub(super) fn draw(
     match key_state.open(model) {
         OpenDialog::Help(from) => help(out, model, *from, theme),
         OpenDialog::Tools => tools(out, model, theme),
-        OpenDialog::Contours(chosen) => contours::draw(out, model, *chosen, theme),
+        OpenDialog::Contours(mark) => contours::draw(out, model, mark.chosen, theme),
         OpenDialog::Messages(back) => log(out, model, *back, theme),
         OpenDialog::Prompt(ask, text, wrong) => prompt(out, model, *ask, (text, wrong.as_deref()), theme),
         OpenDialog::Nothing => match (&model.alarm, model.pause) {

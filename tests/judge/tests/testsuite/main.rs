@@ -5,6 +5,7 @@
 
 mod command;
 mod defects;
+mod heights;
 mod synthetic;
 
 use std::path::PathBuf;
