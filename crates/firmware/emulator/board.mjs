@@ -64,6 +64,8 @@ export class Board {
     this.cycles = 0;
     /** Whether the processor does nothing any more, as in an endless loop. */
     this.frozen = false;
+    /** A pin that is driven with a frequency: the pin, the cycles between two edges, the next one, and its level. */
+    this.wave = undefined;
     /** Cycle in which the watchdog reset the chip. */
     this.watchdogAt = undefined;
     for (const { address, bytes } of this.image.segments) this.mcu.flash.set(bytes, address - FLASH);
@@ -150,6 +152,22 @@ export class Board {
         this.runMachines(steps, this.cycles);
       }
       this.cycles = end;
+      if (this.wave && this.wave.next <= end) this.driveWave(end);
+    }
+  }
+
+  /** Drives a pin with a square wave of this frequency. */
+  startWave(pin, hertz) {
+    const half = 1e9 / NANOSECONDS / hertz / 2;
+    this.wave = { pin: this.mcu.gpio[pin], half, next: this.cycles + half, level: false };
+  }
+
+  /** Makes the edges that are due. */
+  driveWave(end) {
+    const { wave } = this;
+    for (; wave.next <= end; wave.next += wave.half) {
+      wave.level = !wave.level;
+      wave.pin.setInputValue(wave.level);
     }
   }
 

@@ -8,6 +8,8 @@
 //
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
+// RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave.
+//
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
 // control periods stops), `panic` (the firmware finds a defect of its own), `cut` (the line is cut, in both
@@ -34,6 +36,7 @@ const scope = new Scope(board);
 const uart = board.mcu.uart[0];
 // open contacts: the pull-ups hold them high
 for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
+if (process.env.RETRACE_WAVE_HZ) board.startWave(21, +process.env.RETRACE_WAVE_HZ);
 
 const toCard = [];
 const fromCard = [];

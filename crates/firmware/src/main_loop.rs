@@ -83,7 +83,8 @@ fn run_period(card: &mut Card, board: &mut ThisBoard, steps: &mut Steps) {
         return;
     }
     let (began, interrupts) = (board.cycles(), DIAGNOSTICS.interrupt_cycles());
-    let inputs = InputLevels { levels: board.input_levels(), encoder: board.encoder(), ..InputLevels::default() };
+    let (levels, encoder, analog) = (board.input_levels(), board.encoder(), board.analog_inputs());
+    let inputs = InputLevels { levels, encoder, analog, ..InputLevels::default() };
     let status = card.run_period(inputs);
     board.set_outputs(&status.outputs);
     board.set_spindle_pwm(card.card().spindle_pwm());

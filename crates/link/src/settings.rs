@@ -63,9 +63,11 @@ impl AnalogCounts {
 
     /// Counts of outputs, at most [`crate::channel::ANALOG_OUTPUTS`], and inputs, at most [`crate::ANALOG_INPUTS`].
     #[must_use]
-    pub fn new(outputs: u8, inputs: u8) -> Self {
+    pub const fn new(outputs: u8, inputs: u8) -> Self {
         let mut counts = Self::NONE;
-        counts.0.iter_mut().zip([outputs, inputs]).for_each(|(count, number)| *count = number);
+        if let [first, second] = counts.0.as_mut_slice() {
+            (*first, *second) = (outputs, inputs);
+        }
         counts
     }
 

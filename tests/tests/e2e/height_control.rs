@@ -215,15 +215,24 @@ fn the_operator_sets_the_height() {
     assert!(off.iter().all(|&layer| layer == off[0]), "the height stays");
 }
 
-/// A board without analog channels: the machine file is refused before anything moves, by either source.
+/// A board without analog channels: the machine file is refused before anything moves, by each source. A Pico has one.
 #[test]
 fn a_board_without_height_control_refuses_the_machine() {
-    for (height, wanted) in [("volts = 1", "no analog inputs"), ("up = 3, down = 4", "no height control")] {
+    for (height, board, wanted) in [
+        ("volts = 1", "f405", "no analog inputs"),
+        ("volts = 1", "pico", "the card has 1 of them"),
+        ("up = 3, down = 4", "f405", "no height control"),
+        ("enable = 3", "f405", "no height control"),
+        ("volts = 0", "pico", ""),
+    ] {
         let bench = Bench::new();
-        bench.file("m.toml", machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ANALOG);
+        let text = machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ANALOG;
+        let text = text.replace("[7]", "[4]").replace("number = 13", "number = 3").replace("input = 5", "input = 2");
+        bench.file("m.toml", if wanted.is_empty() { text.replace("number = 1\n", "number = 0\n") } else { text });
         bench.file("materials.toml", MATERIALS);
-        let result = bench.retrace(["machine", "check", "m.toml", "--card", "pico"]);
-        assert_contains(&result.err, &["E3008", wanted]);
+        let result = bench.retrace(["machine", "check", "m.toml", "--card", board]);
+        assert_eq!(result.err.contains("E3008"), !wanted.is_empty(), "{board}: {}", result.err);
+        assert_contains(&result.err, &[wanted]);
     }
 }
 

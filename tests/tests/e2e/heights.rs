@@ -11,7 +11,7 @@ use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, assert_steps_are_path_and_layer, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{PATIENT, SENSE, SHEET, TOOL_PULSES, machine};
-use retrace_tests::served::ServedCard;
+use retrace_tests::served::{ServedCard, resume_to_end};
 use serde_json::Value;
 
 /// Two cuts of 60 mm.
@@ -521,8 +521,7 @@ fn a_killed_host_leaves_a_job_that_is_cut_at_its_heights() {
         thread::sleep(Duration::from_millis(100));
         host.kill().expect("it is killed");
         host.wait().expect("it ends");
-        let resumed = bench.retrace(["resume", "--yes", "--json"]);
-        assert_eq!(resumed.code, Some(0), "{state}: {}{}", resumed.out, resumed.err);
+        resume_to_end(&bench).unwrap_or_else(|why| panic!("{state}: {why}"));
         let _ = card.end();
         let trace = samples(&vcd);
         assert_eq!(trace.last().map(tool), Some(0), "{state}");

@@ -12,7 +12,7 @@ use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, assert_steps_are_path_and_layer, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{PATIENT, SENSE, SHEET, machine};
-use retrace_tests::served::ServedCard;
+use retrace_tests::served::{ServedCard, resume_to_end};
 
 /// The float switch opens one pulse above the position where it closes.
 const OPENS: i64 = 1;
@@ -235,8 +235,7 @@ fn a_ramp_ends_at_an_emergency_stop_a_killed_host_and_a_lost_link() {
         // The watchdog of a second, and the way to rest.
         thread::sleep(Duration::from_millis(1000));
         if cause == "kill" {
-            let resumed = bench.retrace(["resume", "--yes", "--json"]);
-            assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+            resume_to_end(&bench).unwrap_or_else(|why| panic!("{why}"));
         }
         let _ = card.end();
         assert!(assert_steps_are_path_and_layer(&vcd, "z") > 1000);

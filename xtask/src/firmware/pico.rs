@@ -40,7 +40,7 @@ impl Rig {
     /// # Errors
     /// It does not start.
     pub(super) fn start(&self, root: &Path, line: Line, event: Option<(&str, u32)>) -> Result<PicoEmulator, String> {
-        PicoEmulator::start(root, &self.image, line, event)
+        PicoEmulator::start(root, &self.image, line, event, None)
     }
 
     /// A command whose last argument is the emulator's line.
@@ -94,6 +94,30 @@ pub(super) fn emulation(root: &Path) -> Result<bool, String> {
         wrong.push(format!("the USB names are {}", found["usb"]));
     }
     if wrong.is_empty() { Ok(true) } else { Err(wrong.join(", ")) }
+}
+
+/// The program that goes as far in mm as a tenth of the frequency in kHz.
+const FREQUENCY_PROGRAM: &str = "crates/firmware/emulated-frequency.ngc";
+/// Frequencies at the input, in Hz; pulses for each, and the greatest deviation: some edges in a control period.
+const FREQUENCIES_HZ: [u32; 2] = [250_000, 7_500];
+const PULSES_PER_HZ: f64 = 0.24;
+const DEVIATION: f64 = 480.0;
+
+/// The frequency at an input, as a program reads it.
+pub(super) fn frequency(root: &Path) -> Result<bool, String> {
+    let rig = Rig::build(root)?;
+    for hz in FREQUENCIES_HZ {
+        let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, Some(hz))?;
+        let mut command = rig.command(root, &["run", FREQUENCY_PROGRAM, "--card"], &emulator);
+        let report = job(command.args(["--machine", MACHINE]))?;
+        let _ = emulator.finish()?;
+        let [x, ..] = report.counts;
+        println!("frequency at an input of the Pico: {hz} Hz, read as {:.0}", f64::from(x) / PULSES_PER_HZ);
+        if report.outcome != "completed" || (f64::from(x) - f64::from(hz) * PULSES_PER_HZ).abs() > DEVIATION {
+            return Err(format!("{hz} Hz: the job ended as `{}` at {x}: {}", report.outcome, report.alarms));
+        }
+    }
+    Ok(true)
 }
 
 fn count(found: &Value, name: &str) -> u64 {

@@ -78,14 +78,24 @@ pub(super) fn can_emulate(root: &Path) -> Result<(PathBuf, PathBuf), String> {
 }
 
 impl PicoEmulator {
-    /// Starts the image; `event` happens after so many pulses, as the script describes.
+    /// Starts the image; `event` happens after so many pulses, as the script describes, and input 5 is driven with a
+    /// square wave of `wave_hz`.
     ///
     /// # Errors
     /// The emulator is not installed or does not start, or there is no pseudo-terminal.
-    pub(super) fn start(root: &Path, image: &Path, line: Line, event: Option<(&str, u32)>) -> Result<Self, String> {
+    pub(super) fn start(
+        root: &Path,
+        image: &Path,
+        line: Line,
+        event: Option<(&str, u32)>,
+        wave_hz: Option<u32>,
+    ) -> Result<Self, String> {
         let (node, rp2040js) = can_emulate(root)?;
         let mut command = Command::new(node);
         command.arg(root.join(SCRIPT)).arg(image).arg(line.name()).env("RETRACE_RP2040JS", rp2040js);
+        if let Some(hz) = wave_hz {
+            command.env("RETRACE_WAVE_HZ", hz.to_string());
+        }
         if let Some((name, pulses)) = event {
             command.args([name, &pulses.to_string()]);
         }

@@ -49,7 +49,7 @@ pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 9] = [
+    let checks: [Check; 10] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
@@ -57,6 +57,7 @@ pub(super) fn run(root: &Path) -> Verdict {
         ("size", compilers, &sizes),
         ("emulation", qemu, &emulation),
         ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
+        ("frequency at an input of the Pico", rp2040js.clone(), &pico::frequency),
         ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),
         ("pins of the Pico against the simulator", rp2040js, &pico::comparison),
     ];

@@ -6,7 +6,7 @@
 use retrace_card::spindle_pwm::PwmSignal;
 use retrace_firmware::AXES;
 use retrace_firmware::step_batch::StepBatch;
-use retrace_link::{CardIdentity, Outputs};
+use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
 
 mod processor;
 pub(crate) mod stopwatch;
@@ -61,6 +61,11 @@ pub(crate) trait Board {
 
     /// Returns the levels of the inputs, one bit each.
     fn input_levels(&self) -> u16;
+
+    /// Returns the readings of the analog inputs, once in a control period; a board without any has none.
+    fn analog_inputs(&mut self) -> AnalogInputs {
+        [None; ANALOG_INPUTS]
+    }
 
     /// Returns the count of the handwheel's encoder, four per period of its signal; it wraps around.
     fn encoder(&self) -> u16;

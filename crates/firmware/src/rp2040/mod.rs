@@ -3,6 +3,7 @@
 //!
 //! Invariant: what the card accepts fits a control period of the step generator ([`step_words`]).
 
+pub mod frequency;
 pub mod line_selector;
 pub mod pins;
 #[cfg(test)]
@@ -94,7 +95,7 @@ pub const fn identity(chip: Chip) -> CardIdentity {
         inputs: pins::INPUTS,
         has_spindle_pwm: true,
         has_spindle_encoder: false,
-        analog: retrace_link::AnalogCounts::NONE,
+        analog: retrace_link::AnalogCounts::new(0, 1),
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: chip.clock_hz(),

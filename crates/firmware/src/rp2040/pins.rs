@@ -31,6 +31,9 @@ pub const SPINDLE_PWM_PIN: u8 = 22;
 pub const INPUTS: u8 = 6;
 /// Pin of input 0; those of the other inputs follow it, each with its pull-up.
 pub const FIRST_INPUT_PIN: u8 = 16;
+/// Pin whose frequency is measured, as analog input 0: that of the last input, which it remains. It is the input B of a
+/// slice of the PWM, whose counter counts its edges.
+pub const FREQUENCY_PIN: u8 = 21;
 /// A and B of the handwheel's encoder.
 pub const ENCODER_PINS: [u8; 2] = [27, 28];
 /// The gate: high at the beginning of every control period, and not led out. It is the light of the Pico, which stays
@@ -82,6 +85,7 @@ mod tests {
             .collect();
         // 23, 24 and 25 are not led out of a Pico
         assert!(used.iter().all(|&pin| pin <= 22 || (26..=28).contains(&pin)));
+        assert_eq!(FREQUENCY_PIN, FIRST_INPUT_PIN + INPUTS - 1, "one of the inputs");
         used.push(GATE_PIN);
         let count = used.len();
         used.sort_unstable();

@@ -8,6 +8,7 @@
 mod chip;
 mod clock;
 mod encoder;
+mod frequency_input;
 mod line;
 mod ports;
 mod registers;
@@ -20,8 +21,9 @@ mod watchdog;
 use retrace_card::spindle_pwm::PwmSignal;
 use retrace_firmware::AXES;
 use retrace_firmware::rp2040::IDENTITY;
+use retrace_firmware::rp2040::frequency::FrequencyMeter;
 use retrace_firmware::step_batch::StepBatch;
-use retrace_link::{CardIdentity, Outputs};
+use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
 
 use super::{Board, stopwatch};
 use line::Line;
@@ -33,6 +35,7 @@ pub(crate) struct Rp2040 {
     steps: StepGenerator,
     line: Line,
     spindle_pwm: SpindlePwm,
+    frequency: FrequencyMeter,
 }
 
 impl Board for Rp2040 {
@@ -46,7 +49,9 @@ impl Board for Rp2040 {
         let steps = StepGenerator::start();
         watchdog::start();
         encoder::start();
-        Self { steps, line: Line::start(), spindle_pwm: SpindlePwm::start() }
+        let spindle_pwm = SpindlePwm::start();
+        frequency_input::start();
+        Self { steps, line: Line::start(), spindle_pwm, frequency: FrequencyMeter::new() }
     }
 
     fn set_all_low() {
@@ -91,6 +96,12 @@ impl Board for Rp2040 {
 
     fn input_levels(&self) -> u16 {
         ports::input_levels()
+    }
+
+    fn analog_inputs(&mut self) -> AnalogInputs {
+        let mut inputs = [None; ANALOG_INPUTS];
+        inputs[0] = self.frequency.measure(frequency_input::edges(), stopwatch::now());
+        inputs
     }
 
     fn encoder(&self) -> u16 {

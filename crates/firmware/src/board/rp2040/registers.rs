@@ -109,6 +109,11 @@ registers! {
     TIMER_NOW = TIMER + 0x28;
     TIMER_INTERRUPT = chip::TIMER_INTERRUPT;
     TIMER_INTERRUPT_ENABLE = chip::TIMER_INTERRUPT_ENABLE;
+    /// Slice 2 of the PWM, whose input B is at GPIO 21 (data sheet, 4.5.3).
+    EDGE_COUNTER_CONTROL = PWM + 0x28;
+    EDGE_COUNTER_DIVIDER = PWM + 0x2c;
+    EDGE_COUNTER = PWM + 0x30;
+    EDGE_COUNTER_TOP = PWM + 0x38;
     /// Slice 3 of the PWM, whose output A is at GPIO 22 (data sheet, 4.5.3).
     PWM_CONTROL = PWM + 0x3c;
     PWM_DIVIDER = PWM + 0x40;
