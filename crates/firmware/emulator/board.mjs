@@ -1,5 +1,6 @@
 // A Raspberry Pi Pico in rp2040js, with what that emulator's state machines lack: one clock with the processor, delays,
-// dividers, the enable bits, joined queues, and outputs that other state machines read.
+// dividers, the enable bits, joined queues, and outputs that other state machines read. Its counters of edges see every
+// pin of their slice, and none once any output of the PWM is used: they see the pin that is given to the PWM.
 //
 // Invariant: everything happens in cycles of the chip's clock; nothing depends on the time of this computer.
 //
@@ -20,6 +21,8 @@ const NANOSECONDS = 8;
 const STAGE_2 = 0x20041f00;
 const STAGE_2_CHECKED = 252;
 const WATCHDOG = 0x40058;
+/** Function of a pin: the PWM. */
+const PWM = 4;
 /** Cycles at a time while the processor does nothing. */
 const FROZEN_TURN = 25;
 
@@ -70,6 +73,7 @@ export class Board {
     this.watchdogAt = undefined;
     for (const { address, bytes } of this.image.segments) this.mcu.flash.set(bytes, address - FLASH);
     this.mcu.pio.forEach((pio) => this.amend(pio));
+    this.amendPwm();
     // what is driven is also read; an input keeps the level that it is given
     for (const pin of this.mcu.gpio) pin.addListener(() => pin.value <= 1 && pin.setInputValue(pin.value === 1));
     const watchdog = this.mcu.peripherals[WATCHDOG];
@@ -90,6 +94,16 @@ export class Board {
     mcu.core.SP = STAGE_2;
     mcu.core.LR = 0;
     mcu.core.PC = STAGE_2;
+  }
+
+  amendPwm() {
+    const { pwm, gpio } = this.mcu;
+    const isInput = (pin) => gpio[pin]?.functionSelect === PWM && !(pwm.gpioDirection & (1 << pin));
+    for (const channel of pwm.channels) {
+      const pins = () => [channel.pinB1, channel.pinB2].filter(isInput);
+      Object.defineProperty(channel, 'gpioBValue', { get: () => pins().some((pin) => gpio[pin].inputValue) });
+    }
+    pwm.gpioOnInput = (pin) => pwm.channels[(pin >> 1) & 7].gpioBChanged();
   }
 
   amend(pio) {

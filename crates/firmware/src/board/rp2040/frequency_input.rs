@@ -4,9 +4,7 @@
 
 use retrace_firmware::rp2040::pins::FREQUENCY_PIN;
 
-use super::registers::{
-    EDGE_COUNTER, EDGE_COUNTER_CONTROL, EDGE_COUNTER_DIVIDER, EDGE_COUNTER_TOP, pin_control,
-};
+use super::registers::{EDGE_COUNTER, EDGE_COUNTER_CONTROL, EDGE_COUNTER_DIVIDER, EDGE_COUNTER_TOP, pin_control};
 
 /// Function of the pin (data sheet, 2.19.2).
 const PWM: u32 = 4;
