@@ -227,8 +227,11 @@ fn a_board_without_height_control_refuses_the_machine() {
     ] {
         let bench = Bench::new();
         let text = machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ANALOG;
-        let text = text.replace("[7]", "[4]").replace("number = 13", "number = 3").replace("input = 5", "input = 2");
-        bench.file("m.toml", if wanted.is_empty() { text.replace("number = 1\n", "number = 0\n") } else { text });
+        let text = text.replace("[7]", "[0]").replace("number = 13", "number = 1").replace("input = 5", "input = 2");
+        bench.file(
+            "m.toml",
+            if wanted.is_empty() { text.replace("number = 1\nname", "number = 0\nname") } else { text },
+        );
         bench.file("materials.toml", MATERIALS);
         let result = bench.retrace(["machine", "check", "m.toml", "--card", board]);
         assert_eq!(result.err.contains("E3008"), !wanted.is_empty(), "{board}: {}", result.err);
