@@ -1,5 +1,4 @@
-//! `cargo xtask test`: the steps that a change must pass, one after the other, and a table of their results. The step
-//! `verify` runs beside `firmware`: neither is bound to the clock's time, and either leaves a processor free for long.
+//! `cargo xtask test`: the steps that a change must pass, one after the other, and a table of their results.
 //!
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
@@ -9,7 +8,7 @@ use retrace_verify as verify;
 use std::io::{BufRead, BufReader, Write};
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
@@ -64,22 +63,11 @@ pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
     if tools::browser().is_none() && (only.is_empty() || only.contains(&"browser")) {
         println!("NOT RUN  browser: {NO_BROWSER}");
     }
-    let chosen = |name: &str| only.is_empty() || only.contains(&name);
-    let mut beside = None;
-    for step in STEPS.iter().filter(|step| chosen(step.name)) {
+    for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
         println!("--- {}: {}", step.name, step.purpose);
         let started = Instant::now();
-        if step.name == BESIDE && chosen(FOREGROUND) {
-            println!("it runs beside the step {FOREGROUND}; its output is below");
-            beside = Some((StepBeside::start(root, BESIDE), started));
-            continue;
-        }
         let outcome = (step.run)(root, settings);
         rows.push((step.name, outcome, started.elapsed()));
-        if let Some((step, started)) = beside.take() {
-            println!("--- {BESIDE}: its output");
-            rows.push((BESIDE, step.and_then(StepBeside::finish).unwrap_or_else(failed), started.elapsed()));
-        }
     }
     println!("\n{:<8} {:<7} {:>8}", "step", "result", "seconds");
     for (name, outcome, took) in &rows {
@@ -91,54 +79,6 @@ pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
         println!("{:<8} {:<7} {:>8.1}  {}", name, result, took.as_secs_f64(), outcome.remark);
     }
     rows.iter().all(|(_, outcome, _)| outcome.passed)
-}
-
-/// The step that runs beside another one, if both are chosen.
-const BESIDE: &str = "verify";
-const FOREGROUND: &str = "firmware";
-
-/// A step that runs in a process of its own.
-struct StepBeside {
-    name: &'static str,
-    child: Child,
-    log: PathBuf,
-}
-
-impl StepBeside {
-    /// Starts it, at a lower priority. Its output goes to a file.
-    fn start(root: &Path, name: &'static str) -> Result<Self, String> {
-        let own = std::env::current_exe().map_err(|error| format!("where this program is: {error}"))?;
-        let log = root.join(format!("target/{name}-output.txt"));
-        let file = std::fs::File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
-        let errors = file.try_clone().map_err(|error| format!("{}: {error}", log.display()))?;
-        let mut command = Command::new(own);
-        command.args(["test", "--only", name]).current_dir(root);
-        let mut command = at_lower_priority(&command);
-        let child = command.stdin(Stdio::null()).stdout(file).stderr(errors).spawn();
-        Ok(Self { name, child: child.map_err(|error| format!("cannot be run: {error}"))?, log })
-    }
-
-    /// Waits for its end, prints its output, and returns its result, whose remark is in the table at its end.
-    fn finish(mut self) -> Result<Outcome, String> {
-        let status = self.child.wait().map_err(|error| format!("cannot be waited for: {error}"))?;
-        let bytes = std::fs::read(&self.log).map_err(|error| format!("{}: {error}", self.log.display()))?;
-        let output = String::from_utf8_lossy(&bytes);
-        println!("{}", output.trim_end());
-        let remark = remark_in(&output, self.name).unwrap_or_else(|| status.to_string());
-        Ok(Outcome { passed: status.success(), remark })
-    }
-}
-
-/// The remark in the row of this step, in the table at the end of an output: behind its name, result and seconds.
-fn remark_in(output: &str, name: &str) -> Option<String> {
-    let row = output.lines().rev().find_map(|line| line.strip_prefix(name))?;
-    let (_, rest) = row.trim_start().split_once(' ')?;
-    let (_, remark) = rest.trim_start().split_once("  ")?;
-    Some(remark.to_owned())
-}
-
-fn failed(remark: String) -> Outcome {
-    Outcome { passed: false, remark }
 }
 
 fn tidy_step(root: &Path, _: &Settings) -> Outcome {
@@ -347,14 +287,6 @@ mod tests {
         count.add("test tests::x ... ok");
         count.add("test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s");
         assert_eq!(count, Count { passes: 13, failures: 2, ignored: 1 });
-    }
-
-    #[test]
-    fn the_remark_of_a_step_is_that_of_its_row() {
-        let output = "verify begins\n\nstep     result   seconds\nverify   passed     358.7  50 rows, 255 checks\n";
-        assert_eq!(remark_in(output, "verify").as_deref(), Some("50 rows, 255 checks"));
-        assert_eq!(remark_in("verify   NOT RUN      0.0  NOT RUN: x", "firmware"), None);
-        assert_eq!(remark_in("", "verify"), None);
     }
 
     #[test]
