@@ -51,14 +51,22 @@ impl CutterOffReason {
     #[must_use]
     pub const fn waits_for_recovery(self) -> bool {
         match self {
-            Self::Card(cause) => matches!(
-                cause,
+            Self::Card(cause) => match cause {
                 CutterOffCause::Standing
-                    | CutterOffCause::Lost
-                    | CutterOffCause::NotStarted
-                    | CutterOffCause::NoSheet
-                    | CutterOffCause::SheetContact
-            ),
+                | CutterOffCause::Lost
+                | CutterOffCause::NotStarted
+                | CutterOffCause::NoSheet
+                | CutterOffCause::SheetContact
+                | CutterOffCause::HeightLimit => true,
+                // A collision is an alarm, which ends the job.
+                CutterOffCause::Reverse
+                | CutterOffCause::Inhibited
+                | CutterOffCause::Alarm
+                | CutterOffCause::HostSilent
+                | CutterOffCause::EpochClosed
+                | CutterOffCause::EpochOpened
+                | CutterOffCause::Collision => false,
+            },
             Self::NotLatched => true,
             Self::Operator | Self::Retrace | Self::ProgramEnd | Self::JobStopped | Self::Kerf => false,
         }
@@ -98,6 +106,42 @@ impl CutterOffReason {
             Self::ProgramEnd => "the program has ended",
             Self::JobStopped => "the job has ended",
             Self::Kerf => "the contour is cut already from here on",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the text names `recover`, the job waits for it, and nowhere else.
+    #[test]
+    fn what_waits_for_recovery_says_so() {
+        let causes = [
+            CutterOffCause::Standing,
+            CutterOffCause::Reverse,
+            CutterOffCause::Inhibited,
+            CutterOffCause::Alarm,
+            CutterOffCause::HostSilent,
+            CutterOffCause::EpochClosed,
+            CutterOffCause::EpochOpened,
+            CutterOffCause::Lost,
+            CutterOffCause::NotStarted,
+            CutterOffCause::Collision,
+            CutterOffCause::NoSheet,
+            CutterOffCause::SheetContact,
+            CutterOffCause::HeightLimit,
+        ];
+        let by_host = [
+            CutterOffReason::Operator,
+            CutterOffReason::Retrace,
+            CutterOffReason::ProgramEnd,
+            CutterOffReason::JobStopped,
+            CutterOffReason::NotLatched,
+            CutterOffReason::Kerf,
+        ];
+        for reason in causes.map(CutterOffReason::Card).into_iter().chain(by_host) {
+            assert_eq!(reason.waits_for_recovery(), reason.text().contains("`recover`"), "{reason:?}");
         }
     }
 }

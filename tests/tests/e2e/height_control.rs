@@ -319,6 +319,15 @@ fn another_controller_has_the_axis_where_the_height_may_change() {
         trace.iter().filter(within).any(ENABLED)
     };
     assert!(enabled(30.0, 90.0) && enabled(105.0, 140.0) && !enabled(159.5, 161.0));
+    // No program switches it.
+    for (code, refused) in [("M64 P6", true), ("M62 P6", true), ("M64 P5", false)] {
+        bench.file("m.toml", cutter.replace("enable = 3", "enable = 6"));
+        bench.file("other.ngc", PROGRAM.replace("G0 X0 Y0\n", &format!("{code}\nG0 X0 Y0\n")));
+        let checked = bench.retrace(["check", "other.ngc", "--machine", "m.toml"]);
+        let told = format!("{}{}", checked.out, checked.err);
+        assert_eq!(told.contains("the output that enables a height controller"), refused, "{code}: {told}");
+        assert_eq!(checked.code, Some(if refused { 1 } else { 0 }), "{code}: {told}");
+    }
     let touches = trace.windows(2).filter(|pair| pair[0].inputs >> 7 & 1 == 0 && pair[1].inputs >> 7 & 1 == 1).count();
     assert_eq!(touches, 3, "two starts and a restart");
     assert_eq!(trace.last().map(|sample| sample.counts[2] + sample.layer), Some(0));

@@ -421,6 +421,13 @@ impl<'m> CanonExecutor<'m> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
+        let enable = self.machine.height_control().and_then(|control| control.config().enable);
+        if enable == Some(change.channel) {
+            // Outside of a cut another controller would move the tool axis.
+            return Err(CanonError::NotSupported(
+                "switching the output that enables a height controller, which only the card does,",
+            ));
+        }
         self.execute_change(code, change, self.machine.switching.code(code), line, sink)
     }
 
