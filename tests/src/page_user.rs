@@ -3,7 +3,7 @@
 //! Invariant: what is touched is what a person could touch: in view, not switched off, and under nothing else. A page
 //! that reports an error fails its test.
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
@@ -305,6 +305,13 @@ impl PageUser {
         self.point("touchStart", "mousePressed", at);
     }
 
+    /// Taps a place of the screen for 50 ms, as the time stamps of its events say: the page may take longer to answer.
+    pub fn tap_at(&mut self, at: (f64, f64)) {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("a time after 1970").as_secs_f64();
+        self.point_at("touchStart", "mousePressed", at, Some(now - 0.05));
+        self.point_at("touchEnd", "mouseReleased", at, Some(now));
+    }
+
     /// Moves the finger or the mouse that is down.
     pub fn move_to(&mut self, at: (f64, f64)) {
         self.point("touchMove", "mouseMoved", at);
@@ -323,15 +330,24 @@ impl PageUser {
         }
     }
 
-    fn point(&mut self, touch: &str, mouse: &str, (x, y): (f64, f64)) {
-        if self.screen.is_touch {
+    fn point(&mut self, touch: &str, mouse: &str, at: (f64, f64)) {
+        self.point_at(touch, mouse, at, None);
+    }
+
+    /// An event of the finger or the mouse, with its time in s since 1970 where that is not now.
+    fn point_at(&mut self, touch: &str, mouse: &str, (x, y): (f64, f64), time_s: Option<f64>) {
+        let (method, mut event) = if self.screen.is_touch {
             let points = if touch == "touchEnd" { json!([]) } else { json!([{"x": x, "y": y}]) };
-            self.page.call("Input.dispatchTouchEvent", json!({"type": touch, "touchPoints": points}));
+            ("Input.dispatchTouchEvent", json!({"type": touch, "touchPoints": points}))
         } else {
             let buttons = u32::from(mouse != "mouseReleased");
             let event = json!({"type": mouse, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1});
-            self.page.call("Input.dispatchMouseEvent", event);
+            ("Input.dispatchMouseEvent", event)
+        };
+        if let Some(time_s) = time_s {
+            event["timestamp"] = json!(time_s);
         }
+        self.page.call(method, event);
     }
 
     /// Presses a key of the keyboard, named as `KeyboardEvent.key`, and does not let it go.

@@ -28,7 +28,7 @@ const MAX_WAIT: Duration = Duration::from_secs(5);
 pub fn resume_to_end(bench: &Bench) -> Result<String, String> {
     let mut told = String::new();
     for _ in 0..MAX_RESUMES {
-        let (code, out) = resume(bench);
+        let (code, out) = cut(bench, &["resume", "--yes", "--json"]);
         told += &format!("--- resumed: {code:?}\n{out}");
         match code {
             Some(0) => return Ok(told),
@@ -39,11 +39,27 @@ pub fn resume_to_end(bench: &Bench) -> Result<String, String> {
     Err(told)
 }
 
-/// Resumes the job, and kills the host where it waits for an operator because the cutter went off in the cut. Returns
-/// its exit code, if it was not killed, and its output.
-fn resume(bench: &Bench) -> (Option<i32>, String) {
-    let mut host = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "resumed.txt");
-    let read = || std::fs::read_to_string(bench.path("resumed.txt")).unwrap_or_default();
+/// Runs a job of a torch or a laser on a served card until it ends, and resumes it where the computer kept its host from
+/// running for longer than the cutter may stay on at rest. Returns the output of the commands.
+///
+/// # Errors
+/// The same, where it ends otherwise.
+pub fn cut_to_end(bench: &Bench, arguments: &[&str]) -> Result<String, String> {
+    match cut(bench, arguments) {
+        (Some(0), told) => Ok(told),
+        (Some(3) | None, told) => match resume_to_end(bench) {
+            Ok(resumed) => Ok(told + &resumed),
+            Err(resumed) => Err(told + &resumed),
+        },
+        (Some(_), told) => Err(told),
+    }
+}
+
+/// Runs a job, and kills the host where it waits for an operator because the cutter went off in the cut. Returns its
+/// exit code, if it was not killed, and its output.
+fn cut(bench: &Bench, arguments: &[&str]) -> (Option<i32>, String) {
+    let mut host = bench.start(arguments, Stdio::null(), "cut.txt");
+    let read = || std::fs::read_to_string(bench.path("cut.txt")).unwrap_or_default();
     let mut waiting_since = Instant::now();
     loop {
         sleep(Duration::from_millis(20));

@@ -25,7 +25,7 @@ export function followGestures(node, handlers) {
     pointers.set(event.pointerId, place(event));
     pressed =
       pointers.size === 1
-        ? { ...place(event), at: performance.now(), turns: event.button === 2 || event.altKey }
+        ? { ...place(event), at: event.timeStamp, turns: event.button === 2 || event.altKey }
         : null;
   });
   node.addEventListener('pointermove', event => {
@@ -51,11 +51,11 @@ export function followGestures(node, handlers) {
       pointers.size === 1 &&
       pressed &&
       !pressed.moved &&
-      performance.now() - pressed.at < TAP_MS &&
+      event.timeStamp - pressed.at < TAP_MS &&
       event.button === 0;
     pointers.delete(event.pointerId);
     if (isTap) {
-      const now = performance.now(),
+      const now = event.timeStamp,
         { x, y } = pressed;
       if (now - lastTap < DOUBLE_TAP_MS) {
         lastTap = -Infinity;

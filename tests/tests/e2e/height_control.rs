@@ -11,7 +11,7 @@ use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
-use retrace_tests::served::{ServedCard, resume_to_end, waits_for_recovery};
+use retrace_tests::served::{ServedCard, cut_to_end, resume_to_end, waits_for_recovery};
 use serde_json::json;
 
 const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
@@ -393,15 +393,11 @@ fn the_next_job_is_not_held_by_the_last_one() {
     bench.file("s.op", "at 7s height up\nat 8s stop\n");
     let machine = bench.path("m.toml").display().to_string();
     let vcd = bench.path("pins.vcd").display().to_string();
-    let served = ["--machine", &machine, "--source-faults", "warp=1", "--vcd", &vcd, "--speed", "4"];
-    let card = ServedCard::with(&served);
-    let run = |program: &str, script: &[&str]| {
-        let usual = ["run", program, "--card", &card.port, "--machine", "m.toml", "--json"];
-        bench.retrace(usual.iter().chain(script)).out
-    };
-    let stopped = run("part.ngc", &["--operator", "s.op"]);
+    let card = ServedCard::with(&["--machine", &machine, "--source-faults", "warp=1", "--vcd", &vcd]);
+    let usual = |program| ["run", program, "--card", &card.port, "--machine", "m.toml", "--json"];
+    let stopped = bench.retrace(usual("part.ngc").iter().chain(&["--operator", "s.op"])).out;
     assert!(stopped.contains("\"outcome\":\"stopped\""), "{stopped}");
-    let next = run("next.ngc", &[]);
+    let next = cut_to_end(&bench, &usual("next.ngc")).unwrap_or_else(|told| panic!("{told}"));
     assert!(next.contains("\"outcome\":\"completed\""), "{next}");
     let _ = card.end();
     let trace = samples(&bench.path("pins.vcd"));
