@@ -39,8 +39,8 @@ pub fn resume_to_end(bench: &Bench) -> Result<String, String> {
     Err(told)
 }
 
-/// Runs a job of a torch or a laser on a served card until it ends, and resumes it where the computer kept its host from
-/// running for longer than the cutter may stay on at rest. Returns the output of the commands.
+/// Runs a job of a torch or a laser on a served card until it ends, and resumes it where the computer kept its host
+/// from running for longer than the cutter may stay on at rest. Returns the output of the commands.
 ///
 /// # Errors
 /// The same, where it ends otherwise.

@@ -23,6 +23,8 @@ pub struct Tape {
     pub start: u32,
     /// Number of records.
     pub records: u32,
+    /// Number of records that are staged before they are published.
+    pub staged: u32,
     /// Number of records after which the consumer goes back as far as the history allows, and forward again.
     pub turn: u32,
 }
@@ -86,7 +88,7 @@ impl Tape {
             Ring::new(cells, self.keep, self.look_ahead, RecordIndex::new(self.start)).expect("the shape is valid");
         // The ends borrow the ring and a thread borrows for ever, so each execution leaks a few hundred bytes.
         let (mut producer, mut consumer) = Box::leak(Box::new(ring)).split();
-        let planner = thread::spawn(move || push_all(&mut producer, self.records));
+        let planner = thread::spawn(move || push_all(&mut producer, self));
         let starved = consume(&mut consumer);
         let refused = planner.join().expect("the planner does not panic");
         Outcome { refused, starved }
@@ -180,12 +182,18 @@ impl Tape {
     }
 }
 
-fn push_all(producer: &mut Producer<'_, u32>, records: u32) -> u32 {
+fn push_all(producer: &mut Producer<'_, u32>, tape: Tape) -> u32 {
     let mut refused = 0;
-    for number in 0..records {
-        while producer.push(number).is_err() {
+    for number in 0..tape.records {
+        while producer.stage(number).is_err() {
+            if tape.staged > 1 {
+                producer.publish();
+            }
             refused += 1;
             thread::yield_now();
+        }
+        if (number + 1) % tape.staged == 0 || number + 1 == tape.records {
+            producer.publish();
         }
     }
     refused

@@ -81,9 +81,56 @@ fn two_threads_ring(records: u64, keep: u32, look_ahead: u32) -> Duration {
     pass(records, move |record| producer.push(record).is_ok(), move || consumer.advance())
 }
 
+/// As the planner pushes: published once for eight records, and before it waits.
+fn two_threads_staged(records: u64, keep: u32, look_ahead: u32) -> Duration {
+    let mut ring = ring(keep, look_ahead);
+    let (mut producer, mut consumer) = ring.split();
+    let mut left = records;
+    let push = move |record| {
+        let is_staged = producer.stage(record).is_ok();
+        left -= u64::from(is_staged);
+        if !is_staged || left.is_multiple_of(8) {
+            producer.publish();
+        }
+        is_staged
+    };
+    pass(records, push, move || consumer.advance())
+}
+
 fn two_threads_rtrb(records: u64) -> Duration {
     let (mut producer, mut consumer) = rtrb::RingBuffer::<Record<4>>::new(CELLS);
     pass(records, move |record| producer.push(record).is_ok(), move || consumer.pop().ok())
+}
+
+/// With what rtrb has for several records: chunks of eight on both sides, as far as there are records.
+fn two_threads_rtrb_chunks(records: u64) -> Duration {
+    let (mut producer, mut consumer) = rtrb::RingBuffer::<Record<4>>::new(CELLS);
+    let mut held = Vec::with_capacity(8);
+    let mut left = records;
+    let push = move |record| {
+        if held.len() == 8 || left == 0 {
+            return false;
+        }
+        held.push(record);
+        left -= 1;
+        if held.len() == 8 || left == 0 {
+            while producer.slots() < held.len() {
+                spin_loop();
+            }
+            let chunk = producer.write_chunk_uninit(held.len()).expect("there are slots");
+            chunk.fill_from_iter(held.drain(..));
+        }
+        true
+    };
+    let mut read = std::collections::VecDeque::with_capacity(8);
+    let pop = move || {
+        if read.is_empty() {
+            let chunk = consumer.read_chunk(consumer.slots().min(8)).expect("there are records");
+            read.extend(chunk);
+        }
+        read.pop_front()
+    };
+    pass(records, push, pop)
 }
 
 /// Each record is read before the next is pushed. In line, as `pass` is: both rings' own numbers stay in registers.
@@ -126,7 +173,11 @@ fn benches(c: &mut Criterion) {
     let mut group = c.benchmark_group("two threads");
     group.throughput(Throughput::Elements(1)).sampling_mode(SamplingMode::Flat);
     group.bench_function("ring, half of it history", |b| b.iter_custom(|n| two_threads_ring(n, HALF, HALF)));
+    group.bench_function("ring, half of it history, published by eights", |b| {
+        b.iter_custom(|n| two_threads_staged(n, HALF, HALF));
+    });
     group.bench_function("rtrb", |b| b.iter_custom(two_threads_rtrb));
+    group.bench_function("rtrb, chunks of eight", |b| b.iter_custom(two_threads_rtrb_chunks));
     group.bench_function("ring, no history", |b| b.iter_custom(|n| two_threads_ring(n, 0, 2 * HALF)));
     group.finish();
 }
@@ -136,9 +187,11 @@ type Contest<'a> = (&'a str, u64, fn(u64) -> Duration, fn(u64) -> Duration);
 /// Ring and rtrb in turns: rounds so short that many of them run undisturbed.
 fn contest() {
     const ROUNDS: usize = 301;
-    let contests: [Contest<'_>; 3] = [
+    let contests: [Contest<'_>; 5] = [
         ("one thread, push to read", 50_000, one_thread_ring, one_thread_rtrb),
         ("two threads, half of it history", 50_000, |n| two_threads_ring(n, HALF, HALF), two_threads_rtrb),
+        ("two threads, published by eights", 50_000, |n| two_threads_staged(n, HALF, HALF), two_threads_rtrb),
+        ("the same, rtrb by chunks too", 50_000, |n| two_threads_staged(n, HALF, HALF), two_threads_rtrb_chunks),
         ("two threads, no history", 50_000, |n| two_threads_ring(n, 0, 2 * HALF), two_threads_rtrb),
     ];
     println!("in turns, {ROUNDS} rounds, ns per record: the least, one round in ten, every other round");

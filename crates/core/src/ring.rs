@@ -230,23 +230,41 @@ pub struct Producer<'a, R> {
 }
 
 impl<R: Copy> Producer<'_, R> {
-    /// Appends a record.
+    /// Appends a record and publishes it, with what was staged before it.
     ///
     /// # Errors
     /// Returns the record if the look-ahead is full.
     #[inline]
     pub fn push(&mut self, record: R) -> Result<(), R> {
+        self.stage(record)?;
+        self.publish();
+        Ok(())
+    }
+
+    /// Appends a record that the consumer does not see before [`Producer::publish`]. A consumer that waits for the next
+    /// record fetches the cache line of `write` with each one published, which costs more than the record: a producer
+    /// that has several records stages them and publishes once.
+    ///
+    /// # Errors
+    /// Returns the record if the look-ahead is full.
+    #[inline]
+    pub fn stage(&mut self, record: R) -> Result<(), R> {
         if !self.has_room() {
             return Err(record);
         }
         let cell = self.shared.cell(self.indices.write());
         // SAFETY: `write − floor < keep + look_ahead ≤ cells`, so this cell is none of `floor … write`, the only ones
-        // that the consumer may read before the store below; the Acquire above orders its last reads of it before this
-        // write.
+        // that the consumer may read before the store of `publish`; the Acquire above orders its last reads of it
+        // before this write.
         cell.with_mut(|p| unsafe { *p = record });
         self.indices.advance();
-        self.shared.write.store(self.indices.write(), Ordering::Release);
         Ok(())
+    }
+
+    /// Lets the consumer read what was staged.
+    #[inline]
+    pub fn publish(&mut self) {
+        self.shared.write.store(self.indices.write(), Ordering::Release);
     }
 
     /// Whether [`Producer::push`] would accept a record now.

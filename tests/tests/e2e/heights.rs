@@ -574,7 +574,11 @@ fn the_moves_off_a_cut_end_at_an_emergency_stop_a_killed_host_and_a_lost_link() 
             let with_park = "[manual]\npark_mm = { x = 300, y = 40 }\n";
             bench.file(
                 "m.toml",
-                format!("retract_mm = -10\n{}{with_park}", machine(SENSE).replace(PATIENT, "watchdog_ms = 1000")),
+                // Enough is planned ahead for a card at four times the speed whose host is kept from running.
+                format!(
+                    "retract_mm = -10\nlook_ahead_s = 2\n{}{with_park}",
+                    machine(SENSE).replace(PATIENT, "watchdog_ms = 1000")
+                ),
             );
             bench.file("s.op", script);
             let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());

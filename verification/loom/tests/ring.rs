@@ -36,7 +36,7 @@ macro_rules! shapes {
             use super::*;
 
             const SHAPE: Tape =
-                Tape { keep: $keep, look_ahead: $look_ahead, start: 0, records: $records, turn: $turn };
+                Tape { keep: $keep, look_ahead: $look_ahead, start: 0, records: $records, staged: 1, turn: $turn };
 
             #[test]
             fn walked_reads_what_was_pushed() {
@@ -64,11 +64,23 @@ shapes! {
     four_cells_keep_3: 3 + 1, 5 records, turn 2, [(2, 3), (3, 3)];
 }
 
+/// Records that are published by twos: what was staged before the planner waits is published by then.
+#[test]
+fn staged_records_are_read_once_published() {
+    let tight = [(1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (3, 2), (3, 3)];
+    for (keep, look_ahead, known) in [(0, 2, &ROOMY[..]), (1, 1, &tight), (1, 3, &ROOMY)] {
+        let shape = Tape { keep, look_ahead, start: 0, records: keep + look_ahead + 1, staged: 2, turn: 2 };
+        let name = format!("by twos keep {keep} look-ahead {look_ahead}");
+        check(&format!("walk {name}"), shape, Tape::walk, WRAP, known);
+        check(&format!("follow {name}"), shape, Tape::follow, 0, known);
+    }
+}
+
 /// The consumer asks for the place at which the planner writes, and for those around it.
 #[test]
 fn asked_beyond_the_plan_touches_no_cell() {
     for (keep, look_ahead, known) in [(0, 2, &ROOMY[..]), (1, 1, &[(1, 3), (2, 3), (3, 2), (3, 3)])] {
-        let shape = Tape { keep, look_ahead, start: 0, records: 4, turn: 1 };
+        let shape = Tape { keep, look_ahead, start: 0, records: 4, staged: 1, turn: 1 };
         check(&format!("ask keep {keep} look-ahead {look_ahead}"), shape, Tape::ask, WRAP, known);
     }
 }
@@ -78,7 +90,7 @@ fn asked_beyond_the_plan_touches_no_cell() {
 fn two_cells_without_a_bound() {
     let records = if is_full() { 4 } else { 3 };
     for keep in [0, 1] {
-        let tape = Tape { keep, look_ahead: 2 - keep, start: WRAP, records, turn: 2 };
+        let tape = Tape { keep, look_ahead: 2 - keep, start: WRAP, records, staged: 1, turn: 2 };
         let name = format!("walk two_cells_keep_{keep}, {records} records");
         let report = explore(&name, None, move || tape.walk().capped(3));
         let smooth = Outcome { refused: 0, starved: 0 };

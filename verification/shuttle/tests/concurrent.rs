@@ -23,8 +23,8 @@ fn forty_records_and_six_instructions_stay_in_order_under_every_lag() {
 
 #[test]
 fn a_long_tape_reads_what_was_pushed() {
-    for (keep, look_ahead) in [(0, 8), (3, 5), (6, 2)] {
-        let tape = Tape { keep, look_ahead, start: u32::MAX - 20, records: 60, turn: 7 };
+    for (keep, look_ahead, staged) in [(0, 8, 1), (3, 5, 3), (6, 2, 1)] {
+        let tape = Tape { keep, look_ahead, start: u32::MAX - 20, records: 60, staged, turn: 7 };
         let name = format!("walk keep {keep} look-ahead {look_ahead}");
         let report = explore(&name, schedules(500), move || tape.walk());
         assert!(report.outcomes.len() > 10, "{name}: {} outcomes only", report.outcomes.len());

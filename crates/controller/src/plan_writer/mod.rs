@@ -85,6 +85,9 @@ struct WaitingChange {
 /// more frequent while the ring stays full.
 const MAX_RECORDS_PER_MARK: u32 = 64;
 
+/// Number of records that are published together: those of two cache lines and more.
+const RECORDS_PER_PUBLICATION: u32 = 8;
+
 /// Pause between two attempts to write while there is no room: a small part of the least look-ahead.
 const ROOM_PAUSE: Duration = Duration::from_millis(1);
 
@@ -484,7 +487,10 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 self.retry(|feeder| (feeder.ring.slots() >= wanted).then_some(Ok(())))?;
             }
             self.apply_due_override();
-            let Some(record) = self.planner.next_record() else { return Ok(()) };
+            let Some(record) = self.planner.next_record() else {
+                self.ring.publish();
+                return Ok(());
+            };
             let serial = record.line;
             self.send_active(serial)?;
             self.send_actions(serial)?;
@@ -551,11 +557,15 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     }
 
     fn push(&mut self, record: Record<A>, block: u64) -> Result<(), Cancelled> {
-        self.retry(|feeder| feeder.ring.push(record).is_ok().then_some(Ok(())))?;
+        self.retry(|feeder| feeder.ring.stage(record).is_ok().then_some(Ok(())))?;
+        if self.ring.write().number().is_multiple_of(RECORDS_PER_PUBLICATION) {
+            self.ring.publish();
+        }
         self.update_mark(&record, block)
     }
 
-    /// Retries until it succeeds: first immediately, then with longer and longer pauses. Stops when cancelled.
+    /// Retries until it succeeds: first immediately, then with longer and longer pauses. Stops when cancelled. What was
+    /// staged is published before the first of them: the motion path may need it to go on.
     fn retry(&mut self, mut attempt: impl FnMut(&mut Self) -> Option<Result<(), Cancelled>>) -> Result<(), Cancelled> {
         let mut paused = Duration::ZERO;
         // Up to the place where a resumed job was left, the motion path takes records as fast as they are planned.
@@ -565,7 +575,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 return result;
             }
             match tries {
-                0..50 => std::hint::spin_loop(),
+                0 => self.ring.publish(),
+                1..50 => std::hint::spin_loop(),
                 50..100 => thread::yield_now(),
                 _ if self.cancel.load(Ordering::Relaxed) => break,
                 _ if paused < PROPOSAL_DELAY => {

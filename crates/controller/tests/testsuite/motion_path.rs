@@ -1,7 +1,8 @@
 //! The motion path with a real planner and the simulated card, without any program text.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
+use std::time::{Duration, Instant};
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
@@ -101,7 +102,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         let streamer = RecordStreamer::new(consumer, receiver, RecordIndex::new(start), outputs, 0);
         let session = Session::new(card, &machine, streamer, operators, run_mode, telemetry);
         let (outcome, stats, card) = session.run();
-        cancel.store(true, std::sync::atomic::Ordering::Relaxed);
+        cancel.store(true, Ordering::Relaxed);
         (outcome, stats, *card.status())
     });
     Run { outcome, stats, status, limit_report: log.monitor.finish(), rows: log.rows, events: log.events }
@@ -116,6 +117,48 @@ fn zigzag(plan_writer: &mut PlanWriter<'_, 3>) {
             return;
         }
     }
+}
+
+/// The motion path takes what belongs to a record together with it. Where the writer waits for that, every record before
+/// it can be read.
+#[test]
+fn a_writer_that_waits_has_published_what_it_planned() {
+    const LOOK_AHEAD: u32 = 256;
+    let machine = MachineConfig::parse("", "test").expect("valid");
+    let cells: Box<[Cell<Record<3>>]> = (0..LOOK_AHEAD).map(|_| Cell::default()).collect();
+    let mut ring = Ring::new(cells, 0, LOOK_AHEAD, RecordIndex::new(0)).expect("fits");
+    let (producer, mut consumer) = ring.split();
+    // Room for the item of one record.
+    let (sender, receiver) = mpsc::sync_channel(1);
+    let planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
+    let card =
+        SimCard::<3>::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    let (outputs, cancel, is_over) = (card.status().outputs, AtomicBool::new(false), AtomicBool::new(false));
+    let travelled: i64 = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut plan_writer = PlanWriter::new(planner, producer, sender, outputs, &cancel);
+            (1..30).for_each(|periods| plan_writer.height(i32::MAX, periods, 1));
+            let planned = plan_writer.straight([10.0, 0.0, 0.0], FEED, PathMode::ExactPath, 1);
+            is_over.store(planned.is_ok() && plan_writer.rest().is_ok(), Ordering::Release);
+        });
+        let (begun, mut travelled) = (Instant::now(), 0);
+        loop {
+            let was_over = is_over.load(Ordering::Acquire);
+            match consumer.advance() {
+                Some(record) => {
+                    travelled += i64::from(record.increments[0]);
+                    let _ = receiver.try_recv();
+                }
+                None if was_over => break travelled,
+                None if begun.elapsed() > Duration::from_secs(20) => {
+                    cancel.store(true, Ordering::Relaxed);
+                    break travelled;
+                }
+                None => std::thread::yield_now(),
+            }
+        }
+    });
+    assert_eq!(travelled, 10_000, "every record has come");
 }
 
 fn is_exact(run: &Run) {
