@@ -236,3 +236,8 @@ pub fn unwritable(what: &str, error: &std::io::Error) -> NumberedError {
         "check the folder, its permissions and the free disk space",
     )
 }
+
+/// File name in a path, which is what fits on a screen.
+pub fn last_name(name: &str) -> String {
+    Path::new(name).file_name().map_or_else(|| name.to_owned(), |last| last.to_string_lossy().into_owned())
+}

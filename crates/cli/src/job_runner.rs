@@ -31,6 +31,7 @@ use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableFiles;
 use crate::program::Program;
 use crate::program_stream::{ProgramStream, StreamSource};
+use crate::reported_state::ReportedState;
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::wait_notice::WaitWatch;
@@ -151,8 +152,12 @@ impl JobRunner<'_> {
         }
         let journal_config = journal.as_ref().map_or_else(JournalConfig::default, JournaledJob::journal_config);
         let job_options = JobOptions { start, commands: command_sources, run_mode, journal: journal_config };
+        // In virtual time the state would be that of another moment.
+        let reported =
+            (result.is_none() && options.wall_time).then(|| ReportedState::of(machine, program.name())).flatten();
         let mut observers = RunObservers {
             console,
+            reported,
             recorder: journal.as_ref().map(|journal| journal.recorder(machine)),
             consumables: counter(&options.tables, machine),
             waits: WaitWatch::new(program.source_status()),
@@ -182,7 +187,7 @@ impl JobRunner<'_> {
         }
         let JobEnd { outcome, stats, summary, card } = end.map_err(start_error)?;
         let wall_s = started.elapsed().as_secs_f64();
-        let RunObservers { console, recorder, consumables, .. } = observers;
+        let RunObservers { console, reported, recorder, consumables, .. } = observers;
         drop(recorder);
         let worn = consumables.map(ConsumableCounter::finish);
         let (limit_report, alarms, line, lost_records) = console.finish();
@@ -200,6 +205,9 @@ impl JobRunner<'_> {
             wall_s,
             alarms: &alarms,
         };
+        if let Some(reported) = reported {
+            reported.end(&summary_line(&report));
+        }
         let mut value = report.to_json();
         value["job"] = journal.as_ref().map_or(Value::Null, |journal| journal.id().into());
         let path = |path: &Option<PathBuf>| path.as_deref().map_or(Value::Null, |path| files::absolute(path).into());
@@ -312,6 +320,7 @@ fn start_error(why: JobStartError) -> NumberedError {
 /// Observer of a run: console, journal, signals and prompts.
 struct RunObservers<'m, const A: usize> {
     console: Console<'m, A>,
+    reported: Option<ReportedState>,
     recorder: Option<JournalRecorder<A>>,
     consumables: Option<ConsumableCounter>,
     /// Watch on the source of a streamed program.
@@ -330,6 +339,9 @@ const POLL_PERIODS: u64 = 64;
 impl<const A: usize> Observer<A> for RunObservers<'_, A> {
     fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
         self.console.on_telemetry(telemetry);
+        if let Some(reported) = &mut self.reported {
+            reported.observe(telemetry);
+        }
         if let Some(signals) = self.signals {
             signals.observe(telemetry);
         }

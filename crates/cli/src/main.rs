@@ -53,6 +53,7 @@ mod probe;
 mod program;
 mod program_check;
 mod program_stream;
+mod reported_state;
 mod resume;
 mod resume_from_line;
 mod resume_summary;
@@ -66,6 +67,11 @@ mod sim_wiring;
 mod simulated_work;
 mod size;
 mod socket;
+#[cfg(unix)]
+mod state_socket;
+#[cfg(not(unix))]
+#[path = "state_socket_elsewhere.rs"]
+mod state_socket;
 mod stop_signals;
 mod subprogram_folders;
 mod table_files;

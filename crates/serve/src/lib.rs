@@ -47,4 +47,5 @@ pub use host::{ServeHost, ServeOptions};
 pub use identity::ServeIdentity;
 pub use programs::ProgramFolders;
 pub use server::{ServeHandle, qr_code, start};
+pub use snapshot::machine_messages;
 pub use tls::TlsFiles;

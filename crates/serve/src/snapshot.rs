@@ -309,6 +309,14 @@ const fn homing_name(homing: AxisHoming) -> &'static str {
     }
 }
 
+/// The messages `state` and `live` of what this model shows, as a page has them but for the numbers of state and path.
+#[must_use]
+pub fn machine_messages(model: &ScreenModel) -> [String; 2] {
+    let state = StateView::of(model, retrace_tui::panel_status(model));
+    // Both are made of numbers, words and lists of them, which can be written as JSON.
+    [serde_json::to_string(&state), serde_json::to_string(&LiveView::of(model))].map(Result::unwrap_or_default)
+}
+
 impl StateView {
     /// State that this model shows, without numbers.
     pub(crate) fn of(model: &ScreenModel, status: PanelStatus) -> Self {

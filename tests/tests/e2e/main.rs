@@ -59,6 +59,7 @@ mod sheet_sensing;
 mod start_points;
 #[cfg(unix)]
 mod state_files;
+mod state_socket;
 mod stop_signals;
 mod streams;
 mod surface_speed;

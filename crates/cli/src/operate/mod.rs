@@ -34,6 +34,7 @@ use crate::job_runner::TuiOptions;
 use crate::job_spec::MachineAndCard;
 use crate::program::Program;
 use crate::resume_summary::ConfirmResume;
+use crate::state_socket::StateSocket;
 
 use command_router::CommandRouter;
 use machine_thread::MachineThread;
@@ -142,6 +143,7 @@ pub fn operate<const A: usize>(
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
     let program = Arc::new(program);
     let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(preview_thread::facts(machine, &program)))));
+    let _reported = StateSocket::serve(&model);
     preview_thread::show_program::<A>(&model, machine.clone(), &program);
     if let Some(resumed) = &resumed {
         preview_thread::show_resuming(&model, resumed.origin);

@@ -42,7 +42,7 @@ pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts 
         check,
         layer_axis,
         contours: program.planned_contours(),
-        ..ProgramFacts::of(machine, &file_name(program.name()), &program.text())
+        ..ProgramFacts::of(machine, &crate::files::last_name(program.name()), &program.text())
     }
 }
 
@@ -105,13 +105,6 @@ pub(super) fn update_facts<const A: usize>(
     let (machine, program) = (machine.clone(), Arc::new(program.clone()));
     compute_preview::<A>(model, PreviewJob { machine, program, setup: None, is_checked: true });
 }
-
-/// File name in a path, which is what fits on a screen.
-fn file_name(name: &str) -> String {
-    let last = std::path::Path::new(name).file_name();
-    last.map_or_else(|| name.to_owned(), |last| last.to_string_lossy().into_owned())
-}
-
 /// Number of the current calculation; a later one ends the earlier ones.
 static LATEST_CALCULATION: AtomicU64 = AtomicU64::new(0);
 /// Only one calculation runs at a time, so that they do not queue up while an axis is jogged step by step.

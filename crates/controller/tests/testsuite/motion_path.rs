@@ -119,8 +119,8 @@ fn zigzag(plan_writer: &mut PlanWriter<'_, 3>) {
     }
 }
 
-/// The motion path takes what belongs to a record together with it. Where the writer waits for that, every record before
-/// it can be read.
+/// The motion path takes what belongs to a record together with it. Where the writer waits for that, every record
+/// before it can be read.
 #[test]
 fn a_writer_that_waits_has_published_what_it_planned() {
     const LOOK_AHEAD: u32 = 256;
