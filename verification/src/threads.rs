@@ -64,8 +64,9 @@ pub const ROWS: &[Row] = &[
             forward, backward and by place, is what was pushed, under every interleaving and every order that the \
             memory model allows",
         requirement: "REV, Beyond the source, *Threads*",
-        bound: "rings of 2 and 4 cells with histories of 0 to 3 records, 4 and 5 records that are \
-            published one by one and by twos, place numbers from 0 and over the wrap; preemption bound 2 (full: 3); 2 cells and 3 (full: 4) records without a bound",
+        bound: "rings of 2 and 4 cells with histories of 0 to 3 records, 4 and 5 records that are published \
+            one by one and by twos, place numbers from 0 and over the wrap; preemption bound 2 (full: 3); 2 cells and \
+            3 (full: 4) records without a bound",
         assumes: "the memory model as loom has it: coherence and release–acquire, no load buffering; shuttle explores \
             sequentially consistent interleavings only",
         suffices: "either side decides by two indices that only grow; a lost order shows within one turn of the ring, \
@@ -96,7 +97,8 @@ pub const ROWS: &[Row] = &[
                 name: "a record is published before it is written",
                 file: RING,
                 find: "cell.with_mut(|p| unsafe { *p = record });\n        self.indices.advance();\n",
-                put: "self.indices.advance();\n        self.publish();\n        cell.with_mut(|p| unsafe { *p = record });\n",
+                put: "self.indices.advance();\n        self.publish();\n        \
+                    cell.with_mut(|p| unsafe { *p = record });\n",
                 killer: "staged_records_are_read_once_published",
             },
             Mutant {
