@@ -94,6 +94,10 @@ pub fn begin_journal<const A: usize>(
         return Ok((None, input));
     }
     let claimed = ReservedJobFolder::new(args.jobs.path(), program.name())?;
+    #[cfg(feature = "shop")]
+    if let Some(start) = &args.shop.start {
+        start.record(program.name(), claimed.store(), claimed.id())?;
+    }
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
     let care = if card == JobCard::Sim { Durability::Written } else { Durability::Synced };
     let machine_file = (args.machine_file.path(), text.to_owned());

@@ -45,6 +45,20 @@ impl ReservedJobFolder {
         Ok(Self { jobs, folder, held, when })
     }
 
+    /// Name of the job.
+    #[cfg(feature = "shop")]
+    #[must_use]
+    pub fn id(&self) -> &str {
+        self.folder.id()
+    }
+
+    /// The jobs that it belongs to.
+    #[cfg(feature = "shop")]
+    #[must_use]
+    pub fn store(&self) -> &JobStore {
+        &self.jobs
+    }
+
     /// Stores a streamed program in the folder while it is read, up to `quota` bytes.
     ///
     /// # Errors

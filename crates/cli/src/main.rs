@@ -63,6 +63,10 @@ mod saved_materials;
 mod serial_source;
 mod serve;
 mod shell_files;
+#[cfg(feature = "shop")]
+mod shop;
+#[cfg(feature = "shop")]
+mod shop_job_start;
 mod sim_wiring;
 mod simulated_work;
 mod size;
@@ -87,10 +91,17 @@ use crate::command_failure::CommandFailure;
 
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
+        #[cfg(feature = "shop")]
+        Command::Run(args) if args.shop.job.is_some() => shop_job_start::run(args),
+        #[cfg(feature = "shop")]
+        Command::Serve(args) if args.shop.job.is_some() => Err(shop_job_start::page_refusal().into()),
         Command::Run(args) if args.page.serve => serve::run(args),
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Resume(args) if args.page.serve => serve::resume(&args),
+        #[cfg(feature = "shop")]
+        Command::Resume(args) => shop_job_start::resume(&args),
+        #[cfg(not(feature = "shop"))]
         Command::Resume(args) => resume::run(&args),
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),
@@ -107,6 +118,8 @@ fn main() -> ExitCode {
         Command::Materials(args) => materials::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(CommandFailure::from).map(|()| 0),
+        #[cfg(feature = "shop")]
+        Command::Shop(args) => shop::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::ShellFiles(args) => shell_files::run(&args).map_err(CommandFailure::from).map(|()| 0),
     };
     let code = match done {

@@ -92,6 +92,8 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         contour: None,
         jobs: args.jobs.clone(),
         no_journal: false,
+        #[cfg(feature = "shop")]
+        shop: args::ShopJobOptions::default(),
     }
 }
 

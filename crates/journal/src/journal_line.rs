@@ -10,7 +10,7 @@
 use retrace_link::crc;
 
 /// Maximum length of a line in bytes: one line contains the machine file and the list of files.
-pub(crate) const MAX_LINE: usize = 16 << 20;
+pub const MAX_LINE: usize = 16 << 20;
 
 /// Remainders of the generator polynomial, one per byte value.
 const TABLE: [u32; 256] = {
@@ -30,7 +30,7 @@ fn crc32c(bytes: &[u8]) -> u32 {
 }
 
 /// Appends a line to `out`. `json` contains no line feed.
-pub(crate) fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]) {
+pub fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]) {
     let start = out.len();
     out.extend_from_slice(b"........ ");
     out.extend_from_slice(sequence.to_string().as_bytes());
@@ -43,7 +43,7 @@ pub(crate) fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]
 
 /// A complete line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct JournalLine<'l> {
+pub struct JournalLine<'l> {
     /// Sequence number, from 0.
     pub sequence: u64,
     /// Whether a batch begins with it.
@@ -54,7 +54,7 @@ pub(crate) struct JournalLine<'l> {
 
 /// Parses the bytes of one line, line feed included. `None` if they are not a valid line.
 #[must_use]
-pub(crate) fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
+pub fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let line = bytes.strip_suffix(b"\n")?;
     let (digits, rest) = line.split_at_checked(8)?;
     let rest = rest.strip_prefix(b" ")?;
@@ -75,7 +75,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
 /// The first valid line with which these bytes end. Where a line feed was damaged, a valid line follows the damaged
 /// one.
 #[must_use]
-pub(crate) fn parse_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
+pub fn parse_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let looks = |at: usize| {
         let head = &bytes[at..];
         head.len() > 10 && head[8] == b' ' && head[9].is_ascii_digit() && head[..8].iter().all(is_hex)

@@ -37,7 +37,8 @@ mod hold_reason;
 mod homed_axes;
 mod job_record;
 mod job_store;
-mod journal_line;
+/// Lines of a checked log; a namespace, because other logs than the journal are written in them.
+pub mod journal_line;
 mod journal_queue;
 mod journal_reader;
 mod journal_store;

@@ -51,6 +51,8 @@ const ARROWS: &[Arrows] = &[
         in_tests: &["hal-sim"],
         ..arrows("crates/tui/Cargo.toml", &["config", "controller", "core", "gcode", "journal", "link", "motion"])
     },
+    // Nothing of a shop can move a machine: it knows the journals, and neither the controller nor a card (SHP-12).
+    arrows("crates/shop/Cargo.toml", &["config", "journal"]),
     // The page shows the model of the terminal screen and sends the same commands.
     arrows("crates/serve/Cargo.toml", &["config", "controller", "core", "journal", "link", "real-time", "tui"]),
     arrows(
@@ -69,6 +71,7 @@ const ARROWS: &[Arrows] = &[
             "plot",
             "real-time",
             "serve",
+            "shop",
             "tui",
         ],
     ),

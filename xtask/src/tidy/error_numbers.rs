@@ -62,10 +62,10 @@ pub(super) fn row_number(line: &str) -> Option<&str> {
     is_number(number).then_some(number)
 }
 
-/// `E1000` … `E4999`, `W1000` … `W4999`.
+/// `E1000` … `E5999`, `W1000` … `W5999`.
 pub(super) fn is_number(word: &str) -> bool {
     match word.as_bytes() {
-        [b'E' | b'W', b'1'..=b'4', digits @ ..] => digits.len() == 3 && digits.iter().all(u8::is_ascii_digit),
+        [b'E' | b'W', b'1'..=b'5', digits @ ..] => digits.len() == 3 && digits.iter().all(u8::is_ascii_digit),
         _ => false,
     }
 }
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn a_number_without_a_row_and_a_row_without_a_number_are_refused() {
-        let source = "A => \"E1001\", D => \"E3001: it broke\", B => \"W1002\", C => \"E5001\"\n#[cfg(test)]\nmod \
+        let source = "A => \"E1001\", D => \"E3001: it broke\", B => \"W1002\", C => \"E6001\"\n#[cfg(test)]\nmod \
             tests {\n\"E1999\"\n}\n";
         assert_eq!(
             messages(source, "| `E1001` | x |\n| E3001 | z |\n| E2001 | y |\n"),

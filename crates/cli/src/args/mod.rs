@@ -19,10 +19,12 @@ mod resume;
 mod run;
 mod shared;
 mod shell_files;
+#[cfg(feature = "shop")]
+mod shop;
 
 use std::path::PathBuf;
 
-use clap::builder::TypedValueParser;
+use clap::builder::{ArgPredicate, TypedValueParser};
 use clap::{Parser, Subcommand};
 
 pub use self::card::{Card, Serve};
@@ -39,6 +41,11 @@ pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
 pub use self::shared::{CardPort, MachineFile, OnOff, Planning, SimulatedSource, SimulatedWork};
 pub use self::shell_files::ShellFiles;
+#[cfg(feature = "shop")]
+pub use self::shop::{Shop, ShopAction, ShopJobOptions, Submit};
+
+/// Options of `retrace run` that need no program on the command line.
+const WITHOUT_PROGRAM: &[&str] = if cfg!(feature = "shop") { &["tui", "job"] } else { &["tui"] };
 
 /// CNC control that runs NC programs and retraces the executed path, exact to the pulse.
 #[derive(Debug, Parser)]
@@ -66,8 +73,8 @@ pub enum Command {
     #[command(mut_arg("program", |program| {
         let any_text = clap::builder::OsStringValueParser::new().map(PathBuf::from);
         let help = "NC program; `-` is standard input; with --tui it can be loaded at the screen";
-        program.value_parser(any_text).required(false).required_unless_present("tui").default_value_if("tui", "true",
-            "").help(help)
+        program.value_parser(any_text).required(false).required_unless_present_any(WITHOUT_PROGRAM).default_value_ifs(
+            WITHOUT_PROGRAM.iter().map(|option| (*option, ArgPredicate::IsPresent, ""))).help(help)
     }))]
     Run(Run),
     /// Serve the graphical screen as a page in a browser, with or without a program.
@@ -86,6 +93,10 @@ pub enum Command {
     #[command(mut_arg("demo", |demo| {
         demo.hide(false).conflicts_with_all(["program", "machine", "card", "source_faults"])
     }))]
+    #[cfg_attr(
+        feature = "shop",
+        command(mut_arg("job", |job| job.hide(true)), mut_arg("shop_file", |file| file.hide(true)))
+    )]
     Serve(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
     #[command(
@@ -166,6 +177,11 @@ pub enum Command {
         after_help = "Examples:\n  retrace card serve --pty\n  retrace card identify /dev/ttyUSB0@230400"
     )]
     Card(Card),
+    /// Submit jobs to this machine, check them, and list them; `retrace run --job` starts one.
+    #[cfg(feature = "shop")]
+    #[command(after_help = "Examples:\n  retrace shop submit part.ngc --quantity 3 --note 'for order 17'\n  \
+        retrace shop agent --once\n  retrace shop jobs\n  retrace run --job 0192f0c1")]
+    Shop(Shop),
     #[command(flatten)]
     ShellFiles(ShellFiles),
 }

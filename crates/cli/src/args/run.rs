@@ -59,6 +59,9 @@ pub struct Run {
     pub contour: Option<u32>,
     #[command(flatten)]
     pub jobs: JobsFolder,
+    #[cfg(feature = "shop")]
+    #[command(flatten)]
+    pub shop: super::shop::ShopJobOptions,
     #[command(flatten)]
     pub page: PageOptions,
     /// Write no journal; the job cannot be resumed.

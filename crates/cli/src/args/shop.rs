@@ -1,0 +1,122 @@
+//! Arguments of `retrace shop`, and the options of `retrace run` for a job of the shop.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::shared::JsonObject;
+use crate::shop_job_start::ShopJobStart;
+
+/// `retrace shop`
+#[derive(Debug, Args)]
+pub struct Shop {
+    /// Action.
+    #[command(subcommand)]
+    pub action: ShopAction,
+    /// Shop file; by default `shop.toml` in the user's state folder, if there is one.
+    #[arg(long, value_name = "FILE.toml", global = true)]
+    pub shop_file: Option<PathBuf>,
+}
+
+/// Actions of `retrace shop`. None of them moves a machine.
+#[derive(Debug, Subcommand)]
+pub enum ShopAction {
+    /// Submit a program with its subprograms as a job; prints the name of the job.
+    #[command(after_help = "Example:\n  retrace shop submit part.ngc pocket.ngc --quantity 3 --material 'steel 4 mm'")]
+    Submit(Submit),
+    /// Take submitted jobs and check them; with [watch] in the shop file also submit the files of a folder.
+    #[command(after_help = "Examples:\n  retrace shop agent\n  retrace shop agent --once")]
+    Agent {
+        /// End when nothing is left to be done.
+        #[arg(long)]
+        once: bool,
+    },
+    /// List the jobs of this machine, in their order.
+    #[command(after_help = "Examples:\n  retrace shop jobs\n  retrace shop jobs --json")]
+    Jobs {
+        #[command(flatten)]
+        format: JsonObject,
+        /// List finished jobs, too; by default the last 20 of them.
+        #[arg(long)]
+        all: bool,
+    },
+    /// Print all details of a job: files, check, runs.
+    #[command(after_help = "Example:\n  retrace shop show 0192f0c1")]
+    Show {
+        /// Name of the job or a unique prefix.
+        id: String,
+        #[command(flatten)]
+        format: JsonObject,
+    },
+    /// Take a job back that is neither running nor interrupted.
+    #[command(after_help = "Example:\n  retrace shop recall 0192f0c1")]
+    Recall {
+        /// Name of the job or a unique prefix.
+        id: String,
+    },
+    /// Give a job up: what is missing of it is not cut.
+    #[command(after_help = "Example:\n  retrace shop give-up 0192f0c1")]
+    GiveUp {
+        /// Name of the job or a unique prefix.
+        id: String,
+    },
+    /// Mark the piece of a run as scrap: it does not count, and another one can be started.
+    #[command(after_help = "Example:\n  retrace shop scrap 0192f0c1 20261122-004627-part")]
+    Scrap {
+        /// Name of the job or a unique prefix.
+        id: String,
+        /// Name of the run in `retrace jobs`, or a unique prefix.
+        run: String,
+    },
+    /// Check that one machine has each job, and that no piece was run twice, by ledgers and journals.
+    #[command(after_help = "Examples:\n  retrace shop audit\n  retrace shop audit --root /mnt/mill --root /mnt/lathe")]
+    Audit {
+        /// Root of a shop; may be given more than once. By default that of the shop file.
+        #[arg(long, value_name = "DIR")]
+        root: Vec<PathBuf>,
+        #[command(flatten)]
+        format: JsonObject,
+    },
+}
+
+/// `retrace shop submit`
+#[derive(Debug, Args)]
+pub struct Submit {
+    /// The program, then its subprograms.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Machine that the job is for; by default this one.
+    #[arg(long, value_name = "NAME")]
+    pub machine: Option<String>,
+    /// Number of pieces; each is a run of its own.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub quantity: u32,
+    /// Text for the operator.
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    pub note: String,
+    /// The material, as text.
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    pub material: String,
+    /// Machine file that the job was made for; with another one the operator is warned.
+    #[arg(long, value_name = "FILE.toml")]
+    pub made_for: Option<PathBuf>,
+    /// Refuse to run the job with another machine file.
+    #[arg(long, requires = "made_for")]
+    pub only_made_for: bool,
+}
+
+/// Options of `retrace run` for a job of the shop.
+#[derive(Clone, Debug, Default, Args)]
+pub struct ShopJobOptions {
+    /// Run the next piece of this job of the shop: its name in `retrace shop jobs`, or a unique prefix.
+    #[arg(long, value_name = "ID", conflicts_with_all = [
+        "program", "no_journal", "dry_run", "start_line", "contour", "save_materials", "serve",
+    ])]
+    pub job: Option<String>,
+    /// Shop file of --job; by default `shop.toml` in the user's state folder, if there is one.
+    #[arg(long, value_name = "FILE.toml", requires = "job")]
+    pub shop_file: Option<PathBuf>,
+    /// The job that was found.
+    #[arg(skip)]
+    pub start: Option<ShopJobStart>,
+}

@@ -1,0 +1,102 @@
+//! `retrace shop recall`, `give-up` and `scrap`: entries that a person makes in the ledger.
+//!
+//! Invariant: state and entry belong together: the ledger is locked from the look at the state to the entry.
+
+use retrace_config::NumberedError;
+use retrace_journal::Timestamp;
+use retrace_shop::{
+    Inbox, JobQueue, LedgerEntry, LedgerJob, LedgerRun, OpenLedger, RunState, ShopFile, ShopJobState, run_state,
+};
+
+use super::shop_jobs::{FoundJob, ShopJobs};
+
+/// Takes a job back (SHP-14).
+///
+/// # Errors
+/// `E5004` where there is none, `E5015` where it is running, interrupted or finished.
+pub fn recall(file: &ShopFile, name: &str) -> Result<(), NumberedError> {
+    let jobs = ShopJobs::read(file)?;
+    let (id, machine, when) = (jobs.find(name)?.id(), &jobs.machine, Timestamp::now());
+    let mut open = OpenLedger::open(&machine.ledger())?;
+    let not_taken = match open.ledger().job(id) {
+        Some(job) => {
+            require(job, &[ShopJobState::Taken, ShopJobState::Ready], "recalled")?;
+            None
+        }
+        None => jobs.queued.iter().find(|job| job.id == id).map(|job| Box::new(job.clone())),
+    };
+    open.append(LedgerEntry::Returned { when, id, not_taken })?;
+    drop(open);
+    JobQueue::of(machine).remove(id)?;
+    Inbox::of(machine).delete(id)?;
+    say!("job {id} is given back");
+    Ok(())
+}
+
+/// Gives a job up.
+///
+/// # Errors
+/// `E5004` where there is none, `E5015` where it is running or finished.
+pub fn give_up(file: &ShopFile, name: &str) -> Result<(), NumberedError> {
+    let allowed = [ShopJobState::Taken, ShopJobState::Ready, ShopJobState::Interrupted, ShopJobState::Unknown];
+    let (mut open, job) = taken_job(file, name, "given up")?;
+    require(&job, &allowed, "given up")?;
+    let (id, when) = (job.job.id, Timestamp::now());
+    open.append(LedgerEntry::GivenUp { when, id })?;
+    say!("job {id} is given up after {} of {} pieces", job.good_pieces_now(), job.job.quantity);
+    Ok(())
+}
+
+/// Marks the piece of a run as scrap (SHP-15).
+///
+/// # Errors
+/// `E5004` where there is no such job, `E5020` where it has no such run, or the run is running.
+pub fn scrap(file: &ShopFile, name: &str, run: &str) -> Result<(), NumberedError> {
+    let (mut open, job) = taken_job(file, name, "marked as scrap")?;
+    let (id, when) = (job.job.id, Timestamp::now());
+    let mut near = job.runs.iter().filter(|known| !run.is_empty() && known.id.starts_with(run));
+    let exact = job.runs.iter().find(|known| known.id == run);
+    let found = exact.or_else(|| near.next().filter(|_| near.next().is_none()));
+    let refuse = |what: String| {
+        let remedy = format!("`retrace shop show {id}` lists the runs of the job");
+        Err(NumberedError::new("E5020", what, remedy))
+    };
+    match found {
+        None => refuse(format!("job {id} has no run {run}, or more than one begins so")),
+        Some(run) if run_state(run) == RunState::Running => refuse(format!("run {} is running", run.id)),
+        Some(LedgerRun { id: run, .. }) => {
+            open.append(LedgerEntry::Scrap { when, id, run: run.clone() })?;
+            say!("the piece of run {run} is scrap");
+            Ok(())
+        }
+    }
+}
+
+/// A job of the ledger, which is locked.
+fn taken_job(file: &ShopFile, name: &str, what: &str) -> Result<(OpenLedger, LedgerJob), NumberedError> {
+    let jobs = ShopJobs::read(file)?;
+    let id = match jobs.find(name)? {
+        FoundJob::Listed(job) => job.job.id,
+        FoundJob::Queued(job) => return Err(unchangeable(&job.id.to_string(), ShopJobState::Queued, what)),
+    };
+    let open = OpenLedger::open(&jobs.machine.ledger())?;
+    match open.ledger().job(id).cloned() {
+        Some(job) => Ok((open, job)),
+        None => Err(unchangeable(&id.to_string(), ShopJobState::Queued, what)),
+    }
+}
+
+fn require(job: &LedgerJob, allowed: &[ShopJobState], what: &str) -> Result<(), NumberedError> {
+    let state = job.state();
+    if allowed.contains(&state) { Ok(()) } else { Err(unchangeable(&job.job.id.to_string(), state, what)) }
+}
+
+fn unchangeable(id: &str, state: ShopJobState, what: &str) -> NumberedError {
+    let remedy = match state {
+        ShopJobState::Running => "wait for its end, or stop it at the machine",
+        ShopJobState::Interrupted => "resume it at the machine with `retrace resume`, or give it up there",
+        ShopJobState::Queued => "`retrace shop recall` takes back a job that waits",
+        _ => "nothing is left to be done",
+    };
+    NumberedError::new("E5015", format!("job {id} is {}, and cannot be {what}", state.word()), remedy)
+}

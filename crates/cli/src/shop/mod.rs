@@ -1,0 +1,37 @@
+//! `retrace shop`: jobs of this machine, from their submission to the audit.
+//!
+//! Invariant: nothing here starts, resumes, stops or overrides anything (SHP-12, SHP-13); `cargo xtask tidy` checks
+//! that no file here names what could.
+
+mod agent;
+mod audit;
+mod job_changes;
+mod job_check;
+pub mod job_list;
+mod shop_jobs;
+mod submit;
+
+use retrace_config::NumberedError;
+use retrace_shop::ShopFile;
+
+use crate::args::{self, ShopAction};
+
+pub use self::shop_jobs::ShopJobs;
+
+/// Runs the command.
+///
+/// # Errors
+/// See the actions.
+pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
+    let file = ShopFile::load(args.shop_file.as_deref())?;
+    match &args.action {
+        ShopAction::Submit(submit) => submit::run(&file, submit),
+        ShopAction::Agent { once } => agent::run(&file, *once),
+        ShopAction::Jobs { format, all } => job_list::list(&ShopJobs::read(&file)?, format.json, *all),
+        ShopAction::Show { id, format } => job_list::show(&ShopJobs::read(&file)?, id, format.json),
+        ShopAction::Recall { id } => job_changes::recall(&file, id),
+        ShopAction::GiveUp { id } => job_changes::give_up(&file, id),
+        ShopAction::Scrap { id, run } => job_changes::scrap(&file, id, run),
+        ShopAction::Audit { root, format } => audit::run(&file, root, format.json),
+    }
+}

@@ -1,0 +1,53 @@
+//! `retrace shop submit`: puts a job into the queue of a machine.
+//!
+//! Invariant: when the name of the job is printed, the job is in the queue, whole and durable.
+
+use std::path::Path;
+
+use retrace_config::NumberedError;
+use retrace_journal::Timestamp;
+use retrace_shop::{ContentHash, JobQueue, MachineFileDemand, MachineName, ShopFile, ShopJob, ShopJobId, SourceFile};
+
+use crate::args;
+use crate::files;
+
+/// Runs the command.
+///
+/// # Errors
+/// `E5002`, `E5003` for the machine; `E5005` to `E5008` for the files; `E5010`.
+pub fn run(file: &ShopFile, args: &args::Submit) -> Result<(), NumberedError> {
+    let machine = args.machine.as_deref().map_or(Ok(file.name.clone()), MachineName::parse)?;
+    let folder = file.folder_of(&machine)?;
+    let machine_file = args.made_for.as_deref().map(|path| demand(path, args.only_made_for)).transpose()?;
+    let sources = SourceFile::of_paths(&args.files)?;
+    folder.create()?;
+    let staged = JobQueue::of(&folder).stage(&sources, file.limits)?;
+    let job = ShopJob {
+        id: ShopJobId::new_now()?,
+        bundle: staged.bundle().hash(),
+        machine,
+        quantity: args.quantity,
+        note: args.note.clone(),
+        material: args.material.clone(),
+        submitter: submitter(),
+        machine_file,
+        submitted: Timestamp::now(),
+    };
+    staged.submit(&job)?;
+    say!("{}", job.id);
+    Ok(())
+}
+
+/// The machine file that a job was made for.
+fn demand(path: &Path, is_required: bool) -> Result<MachineFileDemand, NumberedError> {
+    let text = files::text(path, "machine file")?;
+    Ok(MachineFileDemand { hash: ContentHash::of(text.as_bytes()), is_required })
+}
+
+/// Name of the user, as the environment has it.
+fn submitter() -> String {
+    let named = |name| std::env::var(name).ok().filter(|user| !user.is_empty());
+    let user = named("USER").or_else(|| named("LOGNAME")).or_else(|| named("USERNAME"));
+    let user = user.unwrap_or_else(|| "unknown".into());
+    user.chars().filter(|letter| !letter.is_control()).take(100).collect()
+}

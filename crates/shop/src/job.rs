@@ -1,0 +1,112 @@
+//! A shop job: so many pieces of one program for one machine.
+//!
+//! Invariant: a job does not change after its submission, and each of its texts is one line of bounded length.
+
+use retrace_config::NumberedError;
+use retrace_journal::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use crate::content_hash::ContentHash;
+use crate::job_id::ShopJobId;
+use crate::machine_name::MachineName;
+
+/// Maximum number of pieces of a job.
+const MAX_QUANTITY: u32 = 100_000;
+/// Maximum length of note, material and submitter, in bytes.
+const MAX_TEXT_BYTES: usize = 1000;
+
+/// A job as it was submitted (SHP-8).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShopJob {
+    /// Identity, made by the submitter.
+    pub id: ShopJobId,
+    /// Hash of the bundle's JSON text.
+    pub bundle: ContentHash,
+    /// Machine that it is for.
+    pub machine: MachineName,
+    /// Number of pieces, at least 1.
+    pub quantity: u32,
+    /// Text for the operator; may be empty.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub note: String,
+    /// The material, as text; may be empty.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub material: String,
+    /// Who sent it: a user's name, or the folder that was watched.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub submitter: String,
+    /// The machine file that it was made for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine_file: Option<MachineFileDemand>,
+    /// Time of its submission in UTC, by the submitter's clock.
+    pub submitted: Timestamp,
+}
+
+/// The machine file that a job was made for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MachineFileDemand {
+    /// Hash of its text.
+    pub hash: ContentHash,
+    /// Whether the job may run with this file only; otherwise another one is a warning.
+    pub is_required: bool,
+}
+
+impl ShopJob {
+    /// Checks quantity and texts.
+    ///
+    /// # Errors
+    /// `E5006` for a quantity out of range, or a text that is too long or has control characters.
+    pub fn check(&self) -> Result<(), NumberedError> {
+        let refuse = |what: String| Err(NumberedError::new("E5006", what, "correct it and submit the job again"));
+        if !(1..=MAX_QUANTITY).contains(&self.quantity) {
+            return refuse(format!("a job has 1 to {MAX_QUANTITY} pieces, not {}", self.quantity));
+        }
+        for (name, text) in [("note", &self.note), ("material", &self.material), ("submitter", &self.submitter)] {
+            if text.len() > MAX_TEXT_BYTES || text.chars().any(char::is_control) {
+                return refuse(format!(
+                    "the {name} of a job is one line of at most {MAX_TEXT_BYTES} bytes without control characters"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A job of this number and bundle, for the machine `local`.
+    pub(crate) fn job(number: u64, bundle: ContentHash) -> ShopJob {
+        ShopJob {
+            id: ShopJobId::from_parts(number, [7; 10]),
+            bundle,
+            machine: MachineName::local(),
+            quantity: 1,
+            note: String::new(),
+            material: String::new(),
+            submitter: "ann".into(),
+            machine_file: None,
+            submitted: Timestamp::from_ms(number),
+        }
+    }
+
+    #[test]
+    fn quantity_and_texts_are_bounded() {
+        let good = job(1, ContentHash::of(b""));
+        good.check().expect("good");
+        let json = serde_json::to_string(&good).expect("json");
+        assert_eq!(serde_json::from_str::<ShopJob>(&json).expect("a job"), good);
+        for bad in [
+            ShopJob { quantity: 0, ..good.clone() },
+            ShopJob { quantity: MAX_QUANTITY + 1, ..good.clone() },
+            ShopJob { note: "x".repeat(1001), ..good.clone() },
+            ShopJob { material: "a\u{1b}[2J".into(), ..good.clone() },
+            ShopJob { submitter: "a\nb".into(), ..good.clone() },
+        ] {
+            assert_eq!(bad.check().expect_err("bad").number, "E5006");
+        }
+    }
+}
