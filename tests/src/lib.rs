@@ -22,5 +22,6 @@ pub mod run;
 pub mod sender;
 pub mod sensing_torch;
 pub mod served;
+pub mod shdr_checker;
 pub mod terminal;
 pub mod trace;

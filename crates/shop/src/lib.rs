@@ -42,11 +42,15 @@ mod ledger;
 mod ledger_entry;
 mod machine_folder;
 mod machine_name;
+#[cfg(unix)]
+mod mtconnect;
 mod queue;
 mod run_state;
 mod shop_file;
 mod watch_log;
 
+#[cfg(unix)]
+pub use mtconnect::{DataItem, MachineReport, ReportedAxis, ShdrAdapter, StateReader, data_items, devices_xml};
 pub use audit::{AuditFault, AuditReport, HeldJob, audit_roots};
 pub use bundle::{Bundle, BundleFile, BundleRole, MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, SourceFile};
 pub use content_hash::{ContentHash, ParseContentHashError};

@@ -41,6 +41,8 @@ pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
 pub use self::shared::{CardPort, MachineFile, OnOff, Planning, SimulatedSource, SimulatedWork};
 pub use self::shell_files::ShellFiles;
+#[cfg(all(feature = "shop", unix))]
+pub use self::shop::MtConnect;
 #[cfg(feature = "shop")]
 pub use self::shop::{Shop, ShopAction, ShopJobOptions, Submit};
 

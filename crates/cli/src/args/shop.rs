@@ -77,6 +77,25 @@ pub enum ShopAction {
         #[command(flatten)]
         format: JsonObject,
     },
+    /// Serve what the machine does to an MTConnect agent (SHDR), until interrupted; nothing is taken from it.
+    #[cfg(unix)]
+    #[command(after_help = "Examples:\n  retrace shop mtconnect\n  retrace shop mtconnect --devices > Devices.xml")]
+    Mtconnect(MtConnect),
+}
+
+/// `retrace shop mtconnect`
+#[cfg(unix)]
+#[derive(Debug, Args)]
+pub struct MtConnect {
+    /// Address and port to listen on; another computer's agent needs one of this computer on its network.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:7878")]
+    pub listen: String,
+    /// Print the device file of the agent instead.
+    #[arg(long)]
+    pub devices: bool,
+    /// Machine file, for its axes; by default that of the shop file, or the built-in machine.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
 }
 
 /// `retrace shop submit`

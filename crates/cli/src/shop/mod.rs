@@ -8,6 +8,8 @@ mod audit;
 mod job_changes;
 mod job_check;
 pub mod job_list;
+#[cfg(unix)]
+mod mtconnect;
 mod shop_jobs;
 mod submit;
 
@@ -32,6 +34,8 @@ pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
         ShopAction::Recall { id } => job_changes::recall(&file, id),
         ShopAction::GiveUp { id } => job_changes::give_up(&file, id),
         ShopAction::Scrap { id, run } => job_changes::scrap(&file, id, run),
+        #[cfg(unix)]
+        ShopAction::Mtconnect(adapter) => mtconnect::run(&file, adapter),
         ShopAction::Audit { root, format } => audit::run(&file, root, format.json),
     }
 }
