@@ -55,6 +55,7 @@ mod sense_test;
 mod serial;
 mod sheet;
 mod sheet_sensing;
+mod shop;
 #[cfg(unix)]
 mod start_points;
 #[cfg(unix)]

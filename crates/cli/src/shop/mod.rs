@@ -7,7 +7,7 @@ mod agent;
 mod audit;
 mod job_changes;
 mod job_check;
-pub mod job_list;
+mod job_list;
 mod shop_jobs;
 mod submit;
 
