@@ -16,22 +16,29 @@ pub type DeviceItems = BTreeMap<String, (String, String)>;
 pub fn device_items(xml: &str) -> Result<DeviceItems, String> {
     let document = Document::parse(xml).map_err(|error| error.to_string())?;
     let root = document.root_element();
-    let named = |name: &str| root.descendants().filter(move |node| node.tag_name().name() == name);
+    let named = |name: &'static str| root.descendants().filter(move |node| node.tag_name().name() == name);
     if root.tag_name().name() != "MTConnectDevices" || root.tag_name().namespace().is_none() {
         return Err(format!("the root is {:?}", root.tag_name()));
     }
-    let elements: Vec<&str> = root.children().filter(|node| node.is_element()).map(|node| node.tag_name().name()).collect();
+    let elements: Vec<&str> =
+        root.children().filter(|node| node.is_element()).map(|node| node.tag_name().name()).collect();
     if elements != ["Header", "Devices"] {
         return Err(format!("the root has {elements:?}"));
     }
     for device in named("Device") {
         for attribute in ["id", "name", "uuid"] {
-            device.attribute(attribute).filter(|value| !value.is_empty()).ok_or(format!("no {attribute} of a device"))?;
+            device
+                .attribute(attribute)
+                .filter(|value| !value.is_empty())
+                .ok_or(format!("no {attribute} of a device"))?;
         }
     }
     for list in ["DataItems", "Components"] {
         if let Some(empty) = named(list).find(|node| !node.has_children()) {
-            return Err(format!("{list} of {:?} is empty", empty.parent().map(|node| node.tag_name().name().to_owned())));
+            return Err(format!(
+                "{list} of {:?} is empty",
+                empty.parent().map(|node| node.tag_name().name().to_owned())
+            ));
         }
     }
     let mut ids: Vec<&str> = root.descendants().filter_map(|node| node.attribute("id")).collect();
@@ -135,7 +142,8 @@ impl ShdrAgentState {
         }
         let fields = fields(line)?;
         let time = &fields[0];
-        let is_utc = time.len() == 24 && time.ends_with('Z') && time.as_bytes()[10] == b'T' && time.as_bytes()[19] == b'.';
+        let is_utc =
+            time.len() == 24 && time.ends_with('Z') && time.as_bytes()[10] == b'T' && time.as_bytes()[19] == b'.';
         if !is_utc || *time < self.time {
             return Err(format!("the time {time} behind {}", self.time));
         }

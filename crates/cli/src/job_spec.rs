@@ -95,8 +95,8 @@ pub fn begin_journal<const A: usize>(
     }
     let claimed = ReservedJobFolder::new(args.jobs.path(), program.name())?;
     #[cfg(feature = "shop")]
-    if let Some(start) = &args.shop.start {
-        start.record(program.name(), claimed.store(), claimed.id())?;
+    if let Some(recorder) = &args.shop.recorder {
+        recorder.record_started(program.name(), claimed.store(), claimed.id())?;
     }
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
     let care = if card == JobCard::Sim { Durability::Written } else { Durability::Synced };

@@ -3,36 +3,26 @@
 //! Invariant: the ledger has `started`, with the name of the run's journal, before anything moves. The ledger is locked
 //! from the look at the state of the job to that entry, so that a piece is started once.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use retrace_config::NumberedError;
-use retrace_journal::{JobStore, Timestamp};
-use retrace_shop::{ContentHash, Inbox, LedgerEntry, LedgerJob, OpenLedger, ShopFile, ShopJobId, ShopJobState};
+use retrace_shop::{ContentHash, Inbox, LedgerJob, OpenLedger, RunRecorder, ShopFile};
 
 use crate::args;
 use crate::command_failure::CommandFailure;
-use crate::shop::{ShopJobs, job_list};
+use crate::shop::ShopJobs;
 use crate::{files, resume as resume_command, run as run_command};
-
-/// A shop job that is started, once its run has a journal.
-#[derive(Clone, Debug)]
-pub struct ShopJobStart {
-    ledger: PathBuf,
-    id: ShopJobId,
-    /// Its program, as the run names it.
-    program: String,
-}
 
 /// Runs the next piece of a shop job. Returns the exit code.
 ///
 /// # Errors
-/// `E5004` where there is no such job, `E5012` where it is not ready, `E5013` where it has all its pieces, `E5014` where
-/// it was made for another machine file, `E5006` where its files were changed; and as [`run_command::run`].
+/// `E5004` where there is no such job, `E5012` where it is not ready, `E5013` where it has all its pieces, `E5014`
+/// where it was made for another machine file, `E5006` where its files were changed; and as [`run_command::run`].
 pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
-    let start = prepare(&mut args)?;
-    args.shop.start = Some(start.clone());
+    let recorder = prepare(&mut args)?;
+    args.shop.recorder = Some(recorder.clone());
     let done = run_command::run(args);
-    print_error(record_ended_runs(&start.ledger));
+    print_error(record_ended_runs(recorder.ledger()));
     done
 }
 
@@ -68,14 +58,14 @@ fn record_ended_runs(ledger: &Path) -> Result<(), NumberedError> {
 }
 
 /// Finds the job and names its program on the command line.
-fn prepare(args: &mut args::Run) -> Result<ShopJobStart, NumberedError> {
+fn prepare(args: &mut args::Run) -> Result<RunRecorder, NumberedError> {
     let name = args.shop.job.clone().unwrap_or_default();
     let file = ShopFile::load(args.shop.shop_file.as_deref())?;
     record_ended_runs(&file.machine_folder().ledger())?;
     let jobs = ShopJobs::read(&file)?;
     let id = jobs.find(&name)?.id();
-    let Some(job) = jobs.ledger.job(id) else { return Err(not_ready(id, ShopJobState::Queued, None)) };
-    require_ready(job)?;
+    let Some(job) = jobs.ledger.job(id) else { return Err(RunRecorder::not_taken(id)) };
+    job.require_ready()?;
     let inbox = Inbox::of(&jobs.machine);
     inbox.verify(job)?;
     if args.machine_file.machine.is_none() {
@@ -84,54 +74,7 @@ fn prepare(args: &mut args::Run) -> Result<ShopJobStart, NumberedError> {
     require_machine_file(job, args.machine_file.path())?;
     args.reading.program = inbox.program(job);
     let program = args.reading.program.display().to_string();
-    Ok(ShopJobStart { ledger: jobs.machine.ledger(), id, program })
-}
-
-impl ShopJobStart {
-    /// Writes to the ledger that a run of the job is started, unless another program runs.
-    ///
-    /// # Errors
-    /// `E5012`, `E5013` where the job cannot be started any more; `E5009`, `E5010` where the ledger cannot be written.
-    pub fn record(&self, program: &str, store: &JobStore, run: &str) -> Result<(), NumberedError> {
-        // another program was opened at the screen
-        if program != self.program {
-            return Ok(());
-        }
-        let mut open = OpenLedger::open(&self.ledger)?;
-        open.record_ended_runs()?;
-        match open.ledger().job(self.id) {
-            Some(job) => require_ready(job)?,
-            None => return Err(not_ready(self.id, ShopJobState::Queued, None)),
-        }
-        let journal = std::path::absolute(store.folder()).unwrap_or_else(|_| store.folder().to_owned());
-        open.append(LedgerEntry::Started { when: Timestamp::now(), id: self.id, journal, run: run.to_owned() })
-    }
-}
-
-fn require_ready(job: &LedgerJob) -> Result<(), NumberedError> {
-    let (id, quantity) = (job.job.id, job.job.quantity);
-    match job.state() {
-        ShopJobState::Ready => Ok(()),
-        ShopJobState::Done => {
-            let what = format!("job {id} is done: {quantity} of {quantity} pieces are good");
-            let remedy = format!("mark a bad piece with `retrace shop scrap {id} RUN`, or submit the program again");
-            Err(NumberedError::new("E5013", what, remedy))
-        }
-        state => Err(not_ready(id, state, Some(job))),
-    }
-}
-
-fn not_ready(id: ShopJobId, state: ShopJobState, job: Option<&LedgerJob>) -> NumberedError {
-    let remedy = match state {
-        ShopJobState::Queued | ShopJobState::Taken => "`retrace shop agent --once` takes and checks it".into(),
-        ShopJobState::Running => "wait for the end of the run".into(),
-        ShopJobState::Interrupted => {
-            let resume = job_list::interrupted_run(job).map(job_list::resume_command).unwrap_or_default();
-            format!("`{resume}` resumes it; `retrace shop give-up {id}` gives the job up")
-        }
-        _ => format!("see `retrace shop show {id}`"),
-    };
-    NumberedError::new("E5012", format!("job {id} is {}, not ready", state.word()), remedy)
+    Ok(RunRecorder::new(jobs.machine.ledger(), id, program))
 }
 
 /// Compares the machine file with the one that the job was made for.

@@ -371,7 +371,8 @@ mod tests {
     #[test]
     fn a_text_that_is_not_this_bundle_is_refused() {
         let (folder, ..) = sources();
-        let file = |role: &str| json!({"role": role, "name": format!("{role}.ngc"), "sha256": ContentHash::of(b""), "bytes": 0});
+        let empty = ContentHash::of(b"");
+        let file = |role: &str| json!({"role": role, "name": format!("{role}.ngc"), "sha256": empty, "bytes": 0});
         let good = json!({"format": 1, "files": [file("program")]});
         read(folder.path(), &good).expect("good");
         let other = Bundle::read(&folder.path().join("bundle.json"), ContentHash::of(b"x"));

@@ -15,7 +15,7 @@ use retrace_journal::{Timestamp, state_file};
 
 use crate::bundle::{BundleRole, SourceFile};
 use crate::content_hash::ContentHash;
-use crate::inbox::InboxLimits;
+use crate::inbox_limits::InboxLimits;
 use crate::job::ShopJob;
 use crate::job_id::ShopJobId;
 use crate::ledger::Ledger;

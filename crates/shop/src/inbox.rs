@@ -3,33 +3,18 @@
 //! Invariant: the files of a job are whole and durable before the ledger has `taken`. The inbox is bounded, and never
 //! takes the last of the disk: the journals of runs come first (SHP-22).
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use retrace_config::NumberedError;
 use retrace_journal::state_file;
 
 use crate::bundle::Bundle;
 use crate::free_space::free_bytes;
+use crate::inbox_limits::{InboxLimits, no_room};
 use crate::job_id::ShopJobId;
 use crate::ledger::{Ledger, LedgerJob};
-use crate::machine_folder::{MachineFolder, delete_folder, folder_names, sync_folder, unusable};
-use crate::queue::{QueuedJob, write_new};
-
-/// How much an inbox may take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct InboxLimits {
-    /// Maximum length of the files of all jobs, in bytes.
-    pub max_bytes: u64,
-    /// Free bytes that stay on the disk.
-    pub disk_reserve_bytes: u64,
-}
-
-impl Default for InboxLimits {
-    /// 2 GiB, and the last 1 GiB of the disk stays free.
-    fn default() -> Self {
-        Self { max_bytes: 2 << 30, disk_reserve_bytes: 1 << 30 }
-    }
-}
+use crate::machine_folder::{MachineFolder, delete_folder, folder_names, sync_folder, unusable, write_new};
+use crate::queue::QueuedJob;
 
 /// The inbox of a machine.
 #[derive(Clone, Debug)]
@@ -143,17 +128,4 @@ impl Inbox {
         }
         Ok(())
     }
-}
-
-/// A folder has no room for a job.
-pub(crate) fn no_room(folder: &Path, bytes: u64, has: &str, limits: InboxLimits) -> NumberedError {
-    let InboxLimits { max_bytes, disk_reserve_bytes } = limits;
-    let what = format!(
-        "{} has no room for a job of {bytes} bytes: {has}; {} MiB are allowed, and the last {} MiB of the disk stay free",
-        folder.display(),
-        max_bytes >> 20,
-        disk_reserve_bytes >> 20
-    );
-    let remedy = "make room on the disk, finish or recall jobs, or raise `inbox_gib` in the shop file; the job waits";
-    NumberedError::new("E5008", what, remedy)
 }

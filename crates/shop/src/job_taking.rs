@@ -9,7 +9,8 @@ use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
 use serde_json::json;
 
-use crate::inbox::{Inbox, InboxLimits};
+use crate::inbox::Inbox;
+use crate::inbox_limits::InboxLimits;
 use crate::job_id::ShopJobId;
 use crate::ledger::{Ledger, OpenLedger};
 use crate::ledger_entry::{CheckSummary, LedgerEntry};

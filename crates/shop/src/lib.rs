@@ -34,6 +34,7 @@ mod content_hash;
 mod folder_watch;
 mod free_space;
 mod inbox;
+mod inbox_limits;
 mod job;
 mod job_id;
 mod job_state;
@@ -45,17 +46,17 @@ mod machine_name;
 #[cfg(unix)]
 mod mtconnect;
 mod queue;
+mod run_recorder;
 mod run_state;
 mod shop_file;
 mod watch_log;
 
-#[cfg(unix)]
-pub use mtconnect::{DataItem, MachineReport, ReportedAxis, ShdrAdapter, StateReader, data_items, devices_xml};
 pub use audit::{AuditFault, AuditReport, HeldJob, audit_roots};
 pub use bundle::{Bundle, BundleFile, BundleRole, MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, SourceFile};
 pub use content_hash::{ContentHash, ParseContentHashError};
 pub use folder_watch::{FolderWatch, WatchOutcome};
-pub use inbox::{Inbox, InboxLimits};
+pub use inbox::Inbox;
+pub use inbox_limits::InboxLimits;
 pub use job::{MachineFileDemand, ShopJob};
 pub use job_id::{ParseShopJobIdError, ShopJobId};
 pub use job_state::ShopJobState;
@@ -64,6 +65,9 @@ pub use ledger::{Ledger, LedgerJob, LedgerRun, OpenLedger};
 pub use ledger_entry::{CheckSummary, LedgerEntry, RunOutcome};
 pub use machine_folder::MachineFolder;
 pub use machine_name::{MachineName, ParseMachineNameError};
+#[cfg(unix)]
+pub use mtconnect::{DataItem, MachineReport, ReportedAxis, ShdrAdapter, StateReader, data_items, devices_xml};
 pub use queue::{JobQueue, QueuedJob};
+pub use run_recorder::RunRecorder;
 pub use run_state::{RunState, run_state};
 pub use shop_file::{ShopFile, WatchConfig};

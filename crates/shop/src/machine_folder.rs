@@ -3,7 +3,7 @@
 //! Invariant: every path of a machine's files is made here, from checked names only.
 
 use std::fs::{self, File};
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
@@ -144,6 +144,16 @@ pub(crate) fn delete_folder(folder: &Path) -> Result<(), NumberedError> {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(unusable(folder, &error)),
         _ => Ok(()),
     }
+}
+
+/// Writes a new file that only its user can read, durably.
+pub(crate) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), NumberedError> {
+    let write = || {
+        let mut file = state_file::private().write(true).create(true).truncate(true).open(path)?;
+        file.write_all(bytes)?;
+        file.sync_all()
+    };
+    write().map_err(|error| unusable(path, &error))
 }
 
 /// A file or folder that cannot be read or written.

@@ -3,8 +3,8 @@
 //! Invariant: a job is in the queue whole or not at all: it is written under another name, made durable, and renamed.
 
 use std::fs;
-use std::io::{ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::io::ErrorKind;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use retrace_config::NumberedError;
@@ -12,10 +12,10 @@ use retrace_journal::state_file;
 
 use crate::bundle::{Bundle, SourceFile};
 use crate::free_space::free_bytes;
-use crate::inbox::{InboxLimits, no_room};
+use crate::inbox_limits::{InboxLimits, no_room};
 use crate::job::ShopJob;
 use crate::job_id::ShopJobId;
-use crate::machine_folder::{MachineFolder, delete_folder, folder_names, sync_folder, unusable};
+use crate::machine_folder::{MachineFolder, delete_folder, folder_names, sync_folder, unusable, write_new};
 
 /// Beginning of the name of a folder that is being written.
 const NEW: &str = ".new-";
@@ -176,14 +176,4 @@ impl Drop for StagedFiles {
         // it is gone where it was submitted
         let _ = delete_folder(&self.folder);
     }
-}
-
-/// Writes a new file that only its user can read, durably.
-pub(crate) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), NumberedError> {
-    let write = || {
-        let mut file = state_file::private().write(true).create(true).truncate(true).open(path)?;
-        file.write_all(bytes)?;
-        file.sync_all()
-    };
-    write().map_err(|error| unusable(path, &error))
 }

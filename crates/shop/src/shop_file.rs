@@ -10,7 +10,7 @@ use retrace_config::{NumberedError, nearest};
 use retrace_journal::JobStore;
 use serde::Deserialize;
 
-use crate::inbox::InboxLimits;
+use crate::inbox_limits::InboxLimits;
 use crate::machine_folder::{MachineFolder, unusable};
 use crate::machine_name::MachineName;
 

@@ -30,6 +30,7 @@ mod jumps;
 mod markers;
 #[cfg(unix)]
 mod materials;
+mod mtconnect;
 mod offsets;
 mod orient;
 #[cfg(target_os = "linux")]
@@ -55,6 +56,7 @@ mod sense_test;
 mod serial;
 mod sheet;
 mod sheet_sensing;
+mod shop;
 #[cfg(unix)]
 mod start_points;
 #[cfg(unix)]

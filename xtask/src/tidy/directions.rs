@@ -176,6 +176,24 @@ mod tests {
     }
 
     #[test]
+    fn the_shop_reaches_nothing_that_moves_a_machine() {
+        let mut reached = vec!["shop"];
+        let mut next = 0;
+        while let Some(name) = reached.get(next) {
+            let manifest = format!("crates/{name}/Cargo.toml");
+            let row = ARROWS.iter().find(|arrows| arrows.manifest == manifest).expect("a row");
+            let new = row.may_use.iter().filter(|name| !reached.contains(*name)).copied().collect::<Vec<_>>();
+            reached.extend(new);
+            next += 1;
+        }
+        for mover in ["controller", "serve", "tui", "card", "hal-sim", "hal-serial", "cli"] {
+            assert!(!reached.contains(&mover), "{mover} is reached: {reached:?}");
+        }
+        assert_eq!(lines("crates/shop/Cargo.toml", "[dependencies]\nretrace-controller.workspace = true\n"), [2]);
+        assert_eq!(lines("crates/shop/Cargo.toml", "[dependencies]\nretrace-gcode.workspace = true\n"), [2]);
+    }
+
+    #[test]
     fn core_may_use_others_in_its_tests_only() {
         let text = "[dependencies]\nserde = \"1\" # why\n[dev-dependencies]\nproptest.workspace = true\n";
         assert_eq!(lines("crates/core/Cargo.toml", text), [2]);

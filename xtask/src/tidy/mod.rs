@@ -15,6 +15,7 @@ mod module_cycles;
 mod module_docs;
 mod named_paths;
 mod requirements;
+mod shop_commands;
 mod sizes;
 mod unsafe_code;
 
@@ -57,6 +58,7 @@ pub(crate) struct Check {
 /// Every rule, in the order in which it is checked.
 pub(crate) const CHECKS: &[Check] = &[
     Check { name: "directions", rule: "crates use only what the table of arrows allows", find: directions::find },
+    Check { name: "shop", rule: "retrace shop names nothing that can move a machine", find: shop_commands::find },
     Check {
         name: "unsafe",
         rule: "unsafe code stands in the record ring and the firmware's registers alone",

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use retrace_shop::RunRecorder;
 
 use super::shared::JsonObject;
-use crate::shop_job_start::ShopJobStart;
 
 /// `retrace shop`
 #[derive(Debug, Args)]
@@ -135,7 +135,7 @@ pub struct ShopJobOptions {
     /// Shop file of --job; by default `shop.toml` in the user's state folder, if there is one.
     #[arg(long, value_name = "FILE.toml", requires = "job")]
     pub shop_file: Option<PathBuf>,
-    /// The job that was found.
+    /// Recorder of the runs of the job that was found.
     #[arg(skip)]
-    pub start: Option<ShopJobStart>,
+    pub recorder: Option<RunRecorder>,
 }

@@ -66,28 +66,11 @@ impl<'a> JobRow<'a> {
         match self.state {
             ShopJobState::Queued | ShopJobState::Taken => "retrace shop agent --once".into(),
             ShopJobState::Ready => format!("retrace run --job {id}"),
-            ShopJobState::Interrupted => {
-                interrupted_run(self.listed).map_or_else(String::new, |run| resume_command(run))
-            }
+            ShopJobState::Interrupted => self.listed.and_then(LedgerJob::resume_command).unwrap_or_default(),
             ShopJobState::Unknown | ShopJobState::Refused => format!("retrace shop show {id}"),
             _ => String::new(),
         }
     }
-}
-
-/// The run of a job that can be resumed.
-pub fn interrupted_run(job: Option<&LedgerJob>) -> Option<&LedgerRun> {
-    let is_interrupted = |run: &&LedgerRun| !run.is_scrap && run_state(run) == retrace_shop::RunState::Interrupted;
-    job?.runs.iter().find(is_interrupted)
-}
-
-/// The command that resumes a run.
-#[must_use]
-pub fn resume_command(run: &LedgerRun) -> String {
-    let usual = retrace_journal::JobStore::open_or_default(None);
-    let is_usual = usual.is_ok_and(|usual| usual.folder() == run.journal);
-    let journal = if is_usual { String::new() } else { format!(" --journal {}", run.journal.display()) };
-    format!("retrace resume {}{journal}", run.id)
 }
 
 /// Lists the jobs.

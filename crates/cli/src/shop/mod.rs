@@ -7,7 +7,7 @@ mod agent;
 mod audit;
 mod job_changes;
 mod job_check;
-pub mod job_list;
+mod job_list;
 #[cfg(unix)]
 mod mtconnect;
 mod shop_jobs;

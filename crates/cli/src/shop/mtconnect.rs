@@ -59,7 +59,8 @@ pub fn run(file: &ShopFile, args: &MtConnect) -> Result<(), NumberedError> {
 }
 
 fn axes(machine: &MachineConfig) -> Vec<ReportedAxis> {
-    let axis = |axis: &retrace_config::AxisConfig| ReportedAxis { letter: axis.name, is_linear: !"abc".contains(axis.name) };
+    let axis =
+        |axis: &retrace_config::AxisConfig| ReportedAxis { letter: axis.name, is_linear: !"abc".contains(axis.name) };
     machine.axes.iter().map(axis).collect()
 }
 
