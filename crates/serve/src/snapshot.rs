@@ -63,6 +63,8 @@ pub(crate) struct StateView {
     question: Option<QuestionView>,
     pause: Option<PauseView>,
     switching: Option<&'static str>,
+    /// Code of the program stop that is waited at.
+    program_stop: Option<&'static str>,
     tool_change: Option<i32>,
     differing_outputs: Vec<DifferingOutputView>,
     waiting: Option<String>,
@@ -368,6 +370,7 @@ impl StateView {
                 online: pause.online,
             }),
             switching: model.switching,
+            program_stop: model.program_stop.filter(|_| model.hold_reason == HoldReason::ProgramStop),
             tool_change: model.tool_change,
             differing_outputs: differing
                 .map(|of| DifferingOutputView {

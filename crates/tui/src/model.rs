@@ -237,6 +237,8 @@ pub struct ScreenModel {
     pub single: bool,
     /// Instruction in execution.
     pub switching: Option<&'static str>,
+    /// Code of the program stop that is waited at.
+    pub program_stop: Option<&'static str>,
     /// Inputs that are active, as a bit mask.
     pub inputs: u16,
     /// Values of the output channels that were reported.
@@ -352,6 +354,7 @@ impl ScreenModel {
             off_path: false,
             single: false,
             switching: None,
+            program_stop: None,
             inputs: 0,
             outputs: BTreeMap::new(),
             program_outputs: BTreeMap::new(),

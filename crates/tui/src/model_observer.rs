@@ -420,6 +420,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::RestartSwitched(_) | EventKind::Mode(_) => model.restarting = None,
         EventKind::Switching(code) => model.switching = Some(code),
         EventKind::Switched(_) => model.switching = None,
+        EventKind::ProgramStop(code) => model.program_stop = Some(code),
         EventKind::StreamStalled { source, .. } => model.waiting = Some((source.clone(), event.period)),
         EventKind::StreamResumed { .. } => model.waiting = None,
         EventKind::ProgramEnd => {

@@ -105,12 +105,12 @@ fn an_agent_sees_what_the_machine_does() {
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
     let mut host = bench.start(&run, Stdio::piped(), "told.txt");
     agent.wait("avail", "AVAILABLE", Duration::from_secs(30));
-    agent.wait("execution", "PROGRAM_STOPPED", Duration::from_secs(30));
+    agent.wait("execution", "OPTIONAL_STOP", Duration::from_secs(30));
     agent.wait("xwork", "40", Duration::from_secs(5));
     let told = &agent.state.values;
     assert_eq!(
         (told["program"].as_str(), told["line"].as_str(), told["mode"].as_str()),
-        ("part.ngc", "4", "AUTOMATIC")
+        ("part.ngc", "3", "AUTOMATIC")
     );
     assert_eq!(
         (told["feedcmd"].as_str(), told["feedovr"].as_str(), told["system"].as_str()),
@@ -118,7 +118,7 @@ fn an_agent_sees_what_the_machine_does() {
     );
     // A second agent has all of it within 100 ms of its connection, and its time to be scheduled.
     let mut second = adapter.connect();
-    second.wait("execution", "PROGRAM_STOPPED", Duration::from_secs(2));
+    second.wait("execution", "OPTIONAL_STOP", Duration::from_secs(2));
     assert_eq!(second.state.values.len(), adapter.items.len());
     assert_eq!(second.state.version.as_deref(), Some("2.0"));
     host.stdin.as_mut().expect("a pipe").write_all(b"\n").expect("it listens");

@@ -199,7 +199,7 @@ impl DataItem {
         if !report.is_available() {
             return None;
         }
-        let figure = |number: f64| format!("{number}");
+        let figure = |number: f64| number.is_finite().then(|| number.to_string());
         match self.value {
             Source::Availability => Some("AVAILABLE".into()),
             Source::EmergencyStop => {
@@ -212,17 +212,17 @@ impl DataItem {
             Source::LineNumber => report.line().map(|line| line.to_string()),
             Source::LineLabel => report.block().and_then(line_label),
             Source::Block => report.block().map(str::to_owned),
-            Source::FeedActual => report.live("feed").map(figure),
-            Source::FeedProgrammed => programmed_feed(report).map(figure),
+            Source::FeedActual => report.live("feed").and_then(figure),
+            Source::FeedProgrammed => programmed_feed(report).and_then(figure),
             Source::FeedOverride => {
                 let rate = report.live("rate")?.abs();
-                Some(figure((report.state_number("override")? * rate * 1e4).round() / 100.0))
+                figure((report.state_number("override")? * rate * 1e4).round() / 100.0)
             }
-            Source::Position(of, axis) => report.position(of, axis).map(figure),
-            Source::SpindleSpeed => report.live("rpm").map(figure),
-            Source::ToolNumber => report.state_number("tool").map(figure),
+            Source::Position(of, axis) => report.position(of, axis).and_then(figure),
+            Source::SpindleSpeed => report.live("rpm").and_then(figure),
+            Source::ToolNumber => report.state_number("tool").and_then(figure),
             Source::Direction => Some(direction(report).into()),
-            Source::DistanceBack => report.live("back_mm").map(figure),
+            Source::DistanceBack => report.live("back_mm").and_then(figure),
             Source::Pieces(_) | Source::Condition(_) => None,
         }
     }
@@ -249,7 +249,7 @@ fn execution(report: &MachineReport) -> Option<&'static str> {
         _ if report.has("pause") || report.has("question") => "INTERRUPTED",
         _ => match (report.state("mode")?, report.state("hold_reason")?) {
             ("run", "hold") => "FEED_HOLD",
-            ("run", "program stop") if report.block().is_some_and(is_optional_stop) => "OPTIONAL_STOP",
+            ("run", "program stop") if report.state("program_stop") == Some("M1") => "OPTIONAL_STOP",
             ("run", "program stop") => "PROGRAM_STOPPED",
             ("run", "end of program") => "PROGRAM_COMPLETED",
             ("run", "none") if report.has("switching") || report.has("tool_change") => "WAIT",
@@ -279,11 +279,6 @@ fn programmed_feed(report: &MachineReport) -> Option<f64> {
     let unit_mm = if report.has_modal("G20") { 25.4 } else { 1.0 };
     let feed = report.modal('F').filter(|_| report.has_modal("G94"))?;
     Some((feed * unit_mm * 1e4).round() / 1e4)
-}
-
-fn is_optional_stop(block: &str) -> bool {
-    let block = block.to_ascii_uppercase();
-    block.split(|c: char| !c.is_ascii_alphanumeric()).any(|word| word == "M1" || word == "M01")
 }
 
 /// The N word of a block.
@@ -322,6 +317,7 @@ mod tests {
             (run(), "ACTIVE"),
             (job("run", "hold"), "FEED_HOLD"),
             (job("run", "program stop"), "PROGRAM_STOPPED"),
+            (with(job("run", "program stop"), "program_stop", json!("M1")), "OPTIONAL_STOP"),
             (job("run", "end of program"), "PROGRAM_COMPLETED"),
             (job("run", "single block"), "INTERRUPTED"),
             (job("reverse", "none"), "INTERRUPTED"),
@@ -337,9 +333,6 @@ mod tests {
         ] {
             assert_eq!(execution(&report(state.clone())), Some(expected), "{state}");
         }
-        let mut stop = report(job("run", "program stop"));
-        stop.take(json!({"t": "block", "line": 3, "text": "N30 M01"}));
-        assert_eq!(execution(&stop), Some("OPTIONAL_STOP"));
     }
 
     #[test]

@@ -15,16 +15,27 @@ pub(super) fn condition(time: Timestamp, key: &str, level: &str, code: &str, tex
     format!("{time}|{key}|{level}|{}|||{}\n", field(code), field(text))
 }
 
-/// A value as a field: control characters are blanks, and a value with a vertical bar is quoted.
+/// A value as a field: control characters are blanks, and a value with a vertical bar is quoted. Quotes in it are single
+/// ones then, and where it begins with them: nothing else tells where a quoted value ends.
 fn field(value: &str) -> String {
     let plain: String = value.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    let plain = plain.trim();
-    if plain.contains('|') { format!("\"{}\"", plain.replace('|', "\\|")) } else { plain.to_owned() }
+    match plain.trim() {
+        plain if plain.contains('|') => format!("\"{}\"", plain.replace('"', "'").replace('|', "\\|")),
+        plain if plain.starts_with('"') => plain.replace('"', "'"),
+        plain => plain.to_owned(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn quotes_do_not_begin_a_field_that_is_not_quoted() {
+        for (value, is) in [("\"a\"", "'a'"), ("say \"a\"", "say \"a\""), ("\"|\"", "\"'\\|'\"")] {
+            assert_eq!(field(value), is);
+        }
+    }
 
     #[test]
     fn a_value_is_one_field_of_one_line() {
