@@ -1,4 +1,5 @@
-//! Checker of an SHDR adapter, written from the text of the MTConnect standard (version 2.0) and of its agent's protocol.
+//! Checker of an SHDR adapter, written from the text of the MTConnect standard (version 2.0) and of its agent's
+//! protocol.
 //!
 //! Invariant: it knows nothing of the adapter but its device file and its lines.
 

@@ -22,7 +22,7 @@ const PIECES_INTERVAL: Duration = Duration::from_secs(5);
 /// Runs the command until it is interrupted, or prints the device file.
 ///
 /// # Errors
-/// `E5020` where the port cannot be had, `E5001` without a state folder; errors of the machine file.
+/// `E5018` where the port cannot be had, `E5001` without a state folder; errors of the machine file.
 pub fn run(file: &ShopFile, args: &MtConnect) -> Result<(), NumberedError> {
     let machine = files::machine(args.machine.as_deref().or(file.machine_file.as_deref()))?;
     if args.devices {
@@ -35,7 +35,7 @@ pub fn run(file: &ShopFile, args: &MtConnect) -> Result<(), NumberedError> {
     };
     let refused = |error: std::io::Error| {
         let what = format!("{} cannot be listened on: {error}", args.listen);
-        NumberedError::new("E5020", what, "name another address and port with --listen")
+        NumberedError::new("E5018", what, "name another address and port with --listen")
     };
     let listener = TcpListener::bind(&args.listen).map_err(refused)?;
     let address = listener.local_addr().map_err(refused)?;

@@ -1,7 +1,7 @@
 //! The data items of a machine: key, type and present value.
 //!
-//! Types, subtypes, units and values are those of the MTConnect standard, version 2.0, part 2 (device information model)
-//! and part 3 (observations). What it has no type for is in the namespace `x`.
+//! Types, subtypes, units and values are those of the MTConnect standard, version 2.0, part 2 (device information
+//! model) and part 3 (observations). What it has no type for is in the namespace `x`.
 //!
 //! Invariant: keys are unique, and the value of an item is one of its type, or `UNAVAILABLE`.
 
@@ -189,7 +189,8 @@ impl DataItem {
         if let Source::Condition(of) = self.value {
             return condition(of, report);
         }
-        Observation::Value(self.value(report).unwrap_or_else(|| UNAVAILABLE.into()))
+        let is_text = |value: &String| value.chars().any(|c| !c.is_control() && !c.is_whitespace());
+        Observation::Value(self.value(report).filter(is_text).unwrap_or_else(|| UNAVAILABLE.into()))
     }
 
     fn value(&self, report: &MachineReport) -> Option<String> {
@@ -215,8 +216,10 @@ impl DataItem {
             Source::FeedActual => report.live("feed").and_then(figure),
             Source::FeedProgrammed => programmed_feed(report).and_then(figure),
             Source::FeedOverride => {
-                let rate = report.live("rate")?.abs();
-                figure((report.state_number("override")? * rate * 1e4).round() / 100.0)
+                // While the path is retraced, the rate is what the operator asks for.
+                let is_program = report.state("mode") == Some("run");
+                let rate = if is_program { report.state_number("override")? } else { report.live("rate")?.abs() };
+                figure((rate * 1e4).round() / 100.0)
             }
             Source::Position(of, axis) => report.position(of, axis).and_then(figure),
             Source::SpindleSpeed => report.live("rpm").and_then(figure),

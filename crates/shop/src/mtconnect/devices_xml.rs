@@ -21,7 +21,8 @@ pub fn devices_xml(name: &str, axes: &[ReportedAxis]) -> String {
          <MTConnectDevices xmlns=\"urn:mtconnect.org:MTConnectDevices:2.0\" \
          xmlns:x=\"urn:retrace:MTConnectDevices:2.0\">\n  \
          <Header creationTime=\"1970-01-01T00:00:00Z\" sender=\"retrace\" instanceId=\"0\" version=\"2.0\" \
-         bufferSize=\"131072\" assetBufferSize=\"1\" assetCount=\"0\" deviceModelChangeTime=\"1970-01-01T00:00:00Z\"/>\n  \
+         bufferSize=\"131072\" assetBufferSize=\"1\" assetCount=\"0\" \
+         deviceModelChangeTime=\"1970-01-01T00:00:00Z\"/>\n  \
          <Devices>\n    <Device id=\"device\" name=\"{name}\" uuid=\"retrace-{name}\">\n      \
          <Description manufacturer=\"retrace\">{name}</Description>\n",
         name = escaped(name)

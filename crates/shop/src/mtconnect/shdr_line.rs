@@ -15,8 +15,8 @@ pub(super) fn condition(time: Timestamp, key: &str, level: &str, code: &str, tex
     format!("{time}|{key}|{level}|{}|||{}\n", field(code), field(text))
 }
 
-/// A value as a field: control characters are blanks, and a value with a vertical bar is quoted. Quotes in it are single
-/// ones then, and where it begins with them: nothing else tells where a quoted value ends.
+/// A value as a field: control characters are blanks, and a value with a vertical bar is quoted. Quotes in it are
+/// single ones then, and where it begins with them: nothing else tells where a quoted value ends.
 fn field(value: &str) -> String {
     let plain: String = value.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     match plain.trim() {
