@@ -97,7 +97,8 @@ pub const ROWS: &[Row] = &[
                 name: "a record is published before it is written",
                 file: RING,
                 find: "cell.with_mut(|p| unsafe { *p = record });\n        self.indices.advance();\n",
-                put: "self.indices.advance();\n        self.publish();\n        \
+                put: "self.indices.advance();\n        \
+                    self.shared.write.store(self.indices.write(), Ordering::Release);\n        \
                     cell.with_mut(|p| unsafe { *p = record });\n",
                 killer: "staged_records_are_read_once_published",
             },
