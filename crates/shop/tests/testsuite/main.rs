@@ -2,5 +2,6 @@
 #![cfg(unix)]
 
 mod mtconnect;
+#[expect(unreachable_pub, reason = "it is shared with the end-to-end tests, of which it is a library")]
 #[path = "../../../../tests/src/shdr_checker.rs"]
 mod shdr_checker;
