@@ -5,7 +5,7 @@
 //! this one was written. So a damaged line before the last batch was once whole, and one in the last batch may never
 //! have been.
 //!
-//! Invariant: [`parse`] accepts only what [`append`] has written: no other spelling of a number, no additional space.
+//! Invariant: `parse` accepts only what `append` has written: no other spelling of a number, no additional space.
 
 use retrace_link::crc;
 

@@ -24,7 +24,7 @@ pub enum ShopAction {
     /// Submit a program with its subprograms as a job; prints the name of the job.
     #[command(after_help = "Example:\n  retrace shop submit part.ngc pocket.ngc --quantity 3 --material 'steel 4 mm'")]
     Submit(Submit),
-    /// Take submitted jobs and check them; with [watch] in the shop file also submit the files of a folder.
+    /// Take submitted jobs and check them; with `[watch]` in the shop file also submit the files of a folder.
     #[command(after_help = "Examples:\n  retrace shop agent\n  retrace shop agent --once")]
     Agent {
         /// End when nothing is left to be done.
