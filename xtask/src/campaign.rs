@@ -130,6 +130,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 30,
     },
     Campaign {
+        name: "shop-jobs",
+        purpose: "submitter, agent and runs of a shop's jobs killed at any moment: every job is cut in its quantity, \
+            none twice, none lost; 8 jobs a case",
+        test: ["retrace-tests", "campaigns", "shop_jobs::"],
+        asked: BY_SEED,
+        full: 125,
+        slice: 2,
+    },
+    Campaign {
         name: "spindle-faults",
         purpose: "every fault of the encoder and the spindle in a thread is an alarm",
         test: ["retrace-hal-sim", "testsuite", "threads::no_fault_of_the_encoder_is_silent"],

@@ -22,4 +22,5 @@ mod power_cuts;
 mod programs;
 mod recovery;
 mod shift_limits;
+mod shop_jobs;
 mod stops;
