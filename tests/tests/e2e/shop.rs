@@ -235,6 +235,29 @@ fn an_agent_that_is_killed_at_any_moment_takes_each_job_once() {
     assert!(kills > JOBS / 2, "{kills} kills");
 }
 
+/// The agent reads programs in pieces: it takes one of 20 MB within its 64 MiB (SHP-2).
+#[cfg(target_os = "linux")]
+#[test]
+fn an_agent_takes_a_large_program_in_little_memory() {
+    let bench = bench();
+    let block = "G1 X10.125 Y20.25 (a long program)\n";
+    bench.file("large.ngc", format!("G21 G90 F3000\n{}M2\n", block.repeat(20_000_000 / block.len())));
+    let id = submit(&bench, &["large.ngc"]);
+    let mut agent = bench.start(&["shop", "agent"], Stdio::null(), "agent.txt");
+    let status = PathBuf::from(format!("/proc/{}/status", agent.id()));
+    let (begun, mut peak_kib) = (Instant::now(), 0);
+    while state(&bench, &id).0 != "ready" {
+        let text = fs::read_to_string(&status).expect("it runs");
+        let peak = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("its peak");
+        peak_kib = peak.trim().trim_end_matches(" kB").parse().expect("a number");
+        assert!(begun.elapsed() < Duration::from_secs(120), "it is not taken");
+        sleep(Duration::from_millis(50));
+    }
+    agent.kill().expect("it is killed");
+    agent.wait().expect("it ends");
+    assert!(peak_kib > 1_000 && peak_kib < 64 * 1024, "{peak_kib} KiB");
+}
+
 #[test]
 fn what_is_not_begun_is_given_back() {
     let bench = bench();
