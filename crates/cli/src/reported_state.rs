@@ -1,6 +1,6 @@
 //! State of a job that runs without a screen, as it is reported on the local socket.
 //!
-//! Invariant: it has no program text, so that a program of any size costs nothing here.
+//! Invariant: it has neither the text of the program nor its path, so that a program of any size costs nothing here.
 
 use std::sync::{Arc, Mutex};
 
@@ -21,8 +21,7 @@ pub struct ReportedState {
 impl ReportedState {
     /// State of a job with a program of this name. None where it cannot be reported.
     pub fn of(machine: &MachineConfig, program: &str) -> Option<Self> {
-        let facts = ProgramFacts::of(machine, &files::last_name(program), "");
-        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts))));
+        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts(machine, program)))));
         let socket = StateSocket::serve(&model)?;
         Some(Self { observer: ModelObserver::new(Arc::clone(&model)), model, _socket: socket })
     }
@@ -35,5 +34,39 @@ impl ReportedState {
     /// Reports the end of the job, in words, as the last state.
     pub fn end(self, how: &str) {
         lock_model(&self.model).end(how);
+    }
+}
+
+/// Facts of a program of which the name is enough. Where no planned path is known, the executed one is recorded, to be
+/// drawn: nobody draws here, so the planned one is empty.
+fn facts(machine: &MachineConfig, program: &str) -> ProgramFacts {
+    ProgramFacts { planned_path: Some(Arc::default()), ..ProgramFacts::of(machine, &files::last_name(program), "") }
+}
+
+#[cfg(test)]
+mod tests {
+    use retrace_controller::{Event, EventKind, PeriodRecord};
+    use retrace_core::{Place, RecordIndex};
+    use retrace_link::{CardStatus, PathStart};
+
+    use super::*;
+
+    #[test]
+    fn the_path_of_a_job_is_not_kept() {
+        let machine = MachineConfig::parse("", "test").expect("valid");
+        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts(&machine, "jobs/part.ngc")))));
+        assert_eq!(lock_model(&model).facts.program.name, "part.ngc");
+        let mut observer = ModelObserver::new(Arc::clone(&model));
+        let started = Event { period: 0, time_s: 0.0, place: Place::default(), line: 0, kind: EventKind::Started };
+        Observer::<3>::on_telemetry(&mut observer, &Telemetry::Event(started));
+        let mut period = PeriodRecord::<3>::from_status(&CardStatus::at_rest(PathStart::default()));
+        for number in 1..20_000_u32 {
+            period.period = u64::from(number);
+            period.place = Place::start_of(RecordIndex::new(number));
+            period.counts[0] = i64::from(number % 500);
+            observer.on_telemetry(&Telemetry::Period(period));
+        }
+        assert!(lock_model(&model).machine_mm(0) > 0.0, "it follows the machine");
+        assert!(lock_model(&model).executed_path.is_none());
     }
 }
