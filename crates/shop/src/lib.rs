@@ -43,12 +43,15 @@ mod ledger;
 mod ledger_entry;
 mod machine_folder;
 mod machine_name;
+mod machine_report;
 #[cfg(unix)]
 mod mtconnect;
 mod queue;
 mod run_recorder;
 mod run_state;
 mod shop_file;
+#[cfg(unix)]
+mod state_reader;
 mod watch_log;
 
 pub use audit::{AuditFault, AuditReport, HeldJob, audit_roots};
@@ -65,9 +68,12 @@ pub use ledger::{Ledger, LedgerJob, LedgerRun, OpenLedger};
 pub use ledger_entry::{CheckSummary, LedgerEntry, RunOutcome};
 pub use machine_folder::MachineFolder;
 pub use machine_name::{MachineName, ParseMachineNameError};
+pub use machine_report::{MachineReport, ReportedAxis};
 #[cfg(unix)]
-pub use mtconnect::{DataItem, MachineReport, ReportedAxis, ShdrAdapter, StateReader, data_items, devices_xml};
+pub use mtconnect::{DataItem, ShdrAdapter, data_items, devices_xml};
 pub use queue::{JobQueue, QueuedJob};
 pub use run_recorder::RunRecorder;
 pub use run_state::{RunState, run_state};
 pub use shop_file::{ShopFile, WatchConfig};
+#[cfg(unix)]
+pub use state_reader::StateReader;

@@ -5,7 +5,7 @@
 //!
 //! Invariant: keys are unique, and the value of an item is one of its type, or `UNAVAILABLE`.
 
-use super::machine_report::{MachineReport, ReportedAxis};
+use crate::machine_report::{MachineReport, ReportedAxis};
 
 /// What is not known.
 pub(super) const UNAVAILABLE: &str = "UNAVAILABLE";

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::data_item::{Category, DataItem, Part, data_items};
-use super::machine_report::ReportedAxis;
+use crate::machine_report::ReportedAxis;
 
 /// The device file of a machine of this name with these axes.
 #[must_use]

@@ -11,13 +11,9 @@
 
 mod data_item;
 mod devices_xml;
-mod machine_report;
 mod shdr_adapter;
 mod shdr_line;
-mod state_reader;
 
 pub use data_item::{DataItem, data_items};
 pub use devices_xml::devices_xml;
-pub use machine_report::{MachineReport, ReportedAxis};
 pub use shdr_adapter::ShdrAdapter;
-pub use state_reader::StateReader;

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 use retrace_journal::Timestamp;
 
 use super::data_item::{Category, DataItem, Observation, data_items};
-use super::machine_report::{MachineReport, ReportedAxis};
 use super::shdr_line;
+use crate::machine_report::{MachineReport, ReportedAxis};
 
 /// Interval at which an agent is to send `* PING`, in ms; without one for twice as long it counts as gone.
 const HEARTBEAT_MS: u64 = 10_000;

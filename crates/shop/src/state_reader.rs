@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::machine_report::{MachineReport, ReportedAxis};
+use crate::machine_report::{MachineReport, ReportedAxis};
 
 /// Longest message; a longer one ends the connection.
 const MAX_MESSAGE: usize = 1 << 20;
