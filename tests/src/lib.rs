@@ -23,5 +23,6 @@ pub mod sender;
 pub mod sensing_torch;
 pub mod served;
 pub mod shdr_checker;
+pub mod shop_broker;
 pub mod terminal;
 pub mod trace;

@@ -24,7 +24,7 @@ pub const MAX_BUNDLE_FILES: usize = 1000;
 /// Maximum length of a file name, in bytes.
 const MAX_NAME_BYTES: usize = 120;
 /// Maximum length of the JSON text, in bytes.
-const MAX_JSON_BYTES: u64 = 1 << 20;
+pub(crate) const MAX_JSON_BYTES: u64 = 1 << 20;
 /// The format of the JSON text.
 const FORMAT: u32 = 1;
 
@@ -130,10 +130,27 @@ impl Bundle {
         if found != hash {
             return Err(forged(&format!("{} has the hash {found}, not {hash}", path.display())));
         }
+        Self::parse(&text, hash)
+    }
+
+    /// Parses a text that has this hash.
+    ///
+    /// # Errors
+    /// As [`Bundle::read`].
+    pub(crate) fn parse(text: &[u8], hash: ContentHash) -> Result<Self, NumberedError> {
+        let found = ContentHash::of(text);
+        if found != hash {
+            return Err(forged(&format!("its list of files has the hash {found}, not {hash}")));
+        }
         let bundle: Self =
-            serde_json::from_slice(&text).map_err(|error| forged(&format!("{}: {error}", path.display())))?;
+            serde_json::from_slice(text).map_err(|error| forged(&format!("its list of files: {error}")))?;
         bundle.check()?;
         Ok(bundle)
+    }
+
+    /// The diagnostic for a list of files that is too long.
+    pub(crate) fn too_large() -> NumberedError {
+        too_large("its list of files")
     }
 
     /// Checks names, roles, number and lengths.
@@ -214,8 +231,20 @@ impl Bundle {
     /// # Errors
     /// `E5006` where a file is missing or has another hash or length, `E5010` where it cannot be read.
     pub fn verify_folder(&self, folder: &Path) -> Result<(), NumberedError> {
+        self.verify_paths(|file| folder.join(&file.name))
+    }
+
+    /// Verifies that a folder has every file under its hash, unchanged.
+    ///
+    /// # Errors
+    /// As [`Bundle::verify_folder`].
+    pub(crate) fn verify_hashes(&self, folder: &Path) -> Result<(), NumberedError> {
+        self.verify_paths(|file| folder.join(file.sha256.to_string()))
+    }
+
+    fn verify_paths(&self, path: impl Fn(&BundleFile) -> PathBuf) -> Result<(), NumberedError> {
         for file in &self.files {
-            let path = folder.join(&file.name);
+            let path = path(file);
             let opened = open_plain(&path)?;
             let found =
                 ContentHash::of_copy(opened, io::sink(), file.bytes).map_err(|error| unusable(&path, &error))?;

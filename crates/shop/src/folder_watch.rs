@@ -16,7 +16,7 @@ use retrace_journal::{Timestamp, state_file};
 use crate::bundle::{BundleRole, SourceFile};
 use crate::content_hash::ContentHash;
 use crate::inbox_limits::InboxLimits;
-use crate::job::ShopJob;
+use crate::job::{JobTarget, ShopJob};
 use crate::job_id::ShopJobId;
 use crate::ledger::Ledger;
 use crate::machine_folder::{MachineFolder, folder_names, sync_folder, unusable};
@@ -166,7 +166,7 @@ impl FolderWatch {
         let job = ShopJob {
             id: found.id,
             bundle,
-            machine: self.config.machine.clone(),
+            target: JobTarget::Machine(self.config.machine.clone()),
             quantity: 1,
             note: String::new(),
             material: String::new(),

@@ -1,6 +1,8 @@
-//! A shop job: so many pieces of one program for one machine.
+//! A shop job: so many pieces of one program for one machine, or for any machine of a group.
 //!
 //! Invariant: a job does not change after its submission, and each of its texts is one line of bounded length.
+
+use std::fmt;
 
 use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
@@ -17,30 +19,92 @@ const MAX_TEXT_BYTES: usize = 1000;
 
 /// A job as it was submitted (SHP-8).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "ShopJobText", into = "ShopJobText")]
 pub struct ShopJob {
     /// Identity, made by the submitter.
     pub id: ShopJobId,
     /// Hash of the bundle's JSON text.
     pub bundle: ContentHash,
-    /// Machine that it is for.
-    pub machine: MachineName,
+    /// Machine or group that it is for.
+    pub target: JobTarget,
     /// Number of pieces, at least 1.
     pub quantity: u32,
     /// Text for the operator; may be empty.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
     /// The material, as text; may be empty.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub material: String,
     /// Who sent it: a user's name, or the folder that was watched.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub submitter: String,
     /// The machine file that it was made for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine_file: Option<MachineFileDemand>,
     /// Time of its submission in UTC, by the submitter's clock.
     pub submitted: Timestamp,
+}
+
+/// What a job is for.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JobTarget {
+    /// One machine.
+    Machine(MachineName),
+    /// Any machine of this group.
+    Group(MachineName),
+}
+
+impl fmt::Display for JobTarget {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Machine(name) => write!(f, "machine {name}"),
+            Self::Group(name) => write!(f, "group {name}"),
+        }
+    }
+}
+
+/// The JSON text of a job.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ShopJobText {
+    id: ShopJobId,
+    bundle: ContentHash,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    machine: Option<MachineName>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    group: Option<MachineName>,
+    quantity: u32,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    note: String,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    material: String,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    submitter: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    machine_file: Option<MachineFileDemand>,
+    submitted: Timestamp,
+}
+
+impl TryFrom<ShopJobText> for ShopJob {
+    type Error = &'static str;
+
+    fn try_from(text: ShopJobText) -> Result<Self, Self::Error> {
+        let target = match (text.machine, text.group) {
+            (Some(name), None) => JobTarget::Machine(name),
+            (None, Some(name)) => JobTarget::Group(name),
+            _ => return Err("a job is for a machine or for a group"),
+        };
+        let ShopJobText { id, bundle, quantity, note, material, submitter, machine_file, submitted, .. } = text;
+        Ok(Self { id, bundle, target, quantity, note, material, submitter, machine_file, submitted })
+    }
+}
+
+impl From<ShopJob> for ShopJobText {
+    fn from(job: ShopJob) -> Self {
+        let (machine, group) = match job.target {
+            JobTarget::Machine(name) => (Some(name), None),
+            JobTarget::Group(name) => (None, Some(name)),
+        };
+        let ShopJob { id, bundle, quantity, note, material, submitter, machine_file, submitted, .. } = job;
+        Self { id, bundle, machine, group, quantity, note, material, submitter, machine_file, submitted }
+    }
 }
 
 /// The machine file that a job was made for.
@@ -83,7 +147,7 @@ pub(crate) mod tests {
         ShopJob {
             id: ShopJobId::from_parts(number, [7; 10]),
             bundle,
-            machine: MachineName::local(),
+            target: JobTarget::Machine(MachineName::local()),
             quantity: 1,
             note: String::new(),
             material: String::new(),
@@ -99,6 +163,13 @@ pub(crate) mod tests {
         good.check().expect("good");
         let json = serde_json::to_string(&good).expect("json");
         assert_eq!(serde_json::from_str::<ShopJob>(&json).expect("a job"), good);
+        let group = ShopJob { target: JobTarget::Group(MachineName::local()), ..good.clone() };
+        let json = serde_json::to_string(&group).expect("json");
+        assert_eq!(serde_json::from_str::<ShopJob>(&json).expect("a job"), group);
+        let both = json.replace("\"group\"", "\"machine\":\"mill\",\"group\"");
+        assert!(both != json && serde_json::from_str::<ShopJob>(&both).is_err());
+        assert!(serde_json::from_str::<ShopJob>(&json.replace("\"group\":\"local\",", "")).is_err());
+        assert!(serde_json::from_str::<ShopJob>(&json.replace("\"group\"", "\"grp\"")).is_err());
         for bad in [
             ShopJob { quantity: 0, ..good.clone() },
             ShopJob { quantity: MAX_QUANTITY + 1, ..good.clone() },

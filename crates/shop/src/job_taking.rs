@@ -7,10 +7,10 @@
 
 use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
-use serde_json::json;
 
 use crate::inbox::Inbox;
 use crate::inbox_limits::InboxLimits;
+use crate::job::JobTarget;
 use crate::job_id::ShopJobId;
 use crate::ledger::{Ledger, OpenLedger};
 use crate::ledger_entry::{CheckSummary, LedgerEntry};
@@ -62,10 +62,12 @@ fn take(
 ) -> Result<Taking, NumberedError> {
     let (inbox, job, when) = (Inbox::of(machine), queued.job.clone(), Timestamp::now());
     let id = job.id;
-    let stored = if job.machine == *machine.name() {
+    // what is for a group was claimed before it was put into the queue
+    let is_mine = !matches!(&job.target, JobTarget::Machine(name) if name != machine.name());
+    let stored = if is_mine {
         inbox.store(queued, ledger, limits)
     } else {
-        let what = format!("job {id} is for machine {}, and lies in the queue of {}", job.machine, machine.name());
+        let what = format!("job {id} is for {}, and lies in the queue of {}", job.target, machine.name());
         Err(NumberedError::new("E5003", what, "submit it again for the right machine"))
     };
     let (entry, taking) = match stored {
@@ -75,8 +77,7 @@ fn take(
         }
         Err(refusal) if matches!(refusal.number, "E5008" | "E5010") => return Ok(Taking::Waits(refusal)),
         Err(refusal) => {
-            let one = json!({"severity": "error", "number": refusal.number, "message": refusal.cause});
-            let check = CheckSummary::of(&[one], None);
+            let check = CheckSummary::of_refusal(&refusal);
             (LedgerEntry::Refused { when, id, check, not_taken: Some(Box::new(job)) }, Taking::Refused(refusal))
         }
     };
@@ -161,7 +162,8 @@ mod tests {
         fs::write(&path, serde_json::to_string(&first).expect("json")).expect("written");
         let taken = take_waiting(&machine, LIMITS).expect("a ledger");
         assert!(matches!(&taken[..], [(_, Taking::Waits(refusal))] if refusal.number == "E5006"), "{taken:?}");
-        let foreign = ShopJob { machine: MachineName::parse("mill").expect("a name"), ..other.clone() };
+        let foreign =
+            ShopJob { target: JobTarget::Machine(MachineName::parse("mill").expect("a name")), ..other.clone() };
         fs::write(&path, serde_json::to_string(&foreign).expect("json")).expect("written");
         let taken = take_waiting(&machine, LIMITS).expect("a ledger");
         assert!(matches!(&taken[..], [(_, Taking::Refused(refusal))] if refusal.number == "E5003"), "{taken:?}");

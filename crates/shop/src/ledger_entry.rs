@@ -5,9 +5,10 @@
 use std::io::{self, BufReader, Read};
 use std::path::PathBuf;
 
+use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::job::ShopJob;
 use crate::job_id::ShopJobId;
@@ -162,7 +163,30 @@ impl CheckSummary {
     }
 }
 
+impl CheckSummary {
+    /// Summary for a job that was refused before its check.
+    #[must_use]
+    pub(crate) fn of_refusal(refusal: &NumberedError) -> Self {
+        Self::of(&[json!({"severity": "error", "number": refusal.number, "message": refusal.cause})], None)
+    }
+}
+
 impl LedgerEntry {
+    /// Time of the entry, by the machine's clock, in UTC.
+    #[must_use]
+    pub fn when(&self) -> Timestamp {
+        match self {
+            Self::Taken { when, .. }
+            | Self::Checked { when, .. }
+            | Self::Refused { when, .. }
+            | Self::Started { when, .. }
+            | Self::Ended { when, .. }
+            | Self::Returned { when, .. }
+            | Self::GivenUp { when, .. }
+            | Self::Scrap { when, .. } => *when,
+        }
+    }
+
     /// The job of the entry.
     #[must_use]
     pub fn id(&self) -> ShopJobId {

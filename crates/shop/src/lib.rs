@@ -28,6 +28,7 @@
 #![forbid(unsafe_code)]
 
 mod audit;
+mod broker;
 mod bundle;
 mod checked_log;
 mod content_hash;
@@ -44,9 +45,11 @@ mod ledger_entry;
 mod machine_folder;
 mod machine_name;
 mod machine_report;
+mod message_log;
 #[cfg(unix)]
 mod mtconnect;
 mod queue;
+mod recall;
 mod run_recorder;
 mod run_state;
 mod shop_file;
@@ -55,12 +58,17 @@ mod state_reader;
 mod watch_log;
 
 pub use audit::{AuditFault, AuditReport, HeldJob, audit_roots};
+pub use broker::{
+    BrokerConnection, BrokerNews, BrokerRole, BrokerSettings, BrokerUser, Claim, ClaimState, Claiming, Delivery,
+    EventSender, JobReceiver, MAX_STATE_AGE, MachineState, Outbox, ServerSettings, ShopEvent, ShopMessage, StateSender,
+    SubmittedJob, create_missing_stores, machine_states, new_seed, public_key, publish, server_config,
+};
 pub use bundle::{Bundle, BundleFile, BundleRole, MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, SourceFile};
 pub use content_hash::{ContentHash, ParseContentHashError};
 pub use folder_watch::{FolderWatch, WatchOutcome};
 pub use inbox::Inbox;
 pub use inbox_limits::InboxLimits;
-pub use job::{MachineFileDemand, ShopJob};
+pub use job::{JobTarget, MachineFileDemand, ShopJob};
 pub use job_id::{ParseShopJobIdError, ShopJobId};
 pub use job_state::ShopJobState;
 pub use job_taking::{Taking, take_waiting};
@@ -69,9 +77,11 @@ pub use ledger_entry::{CheckSummary, LedgerEntry, RunOutcome};
 pub use machine_folder::MachineFolder;
 pub use machine_name::{MachineName, ParseMachineNameError};
 pub use machine_report::{MachineReport, ReportedAxis};
+pub use message_log::{HandledContent, HandledMessage, read as read_messages};
 #[cfg(unix)]
 pub use mtconnect::{DataItem, ShdrAdapter, data_items, devices_xml};
 pub use queue::{JobQueue, QueuedJob};
+pub use recall::give_back;
 pub use run_recorder::RunRecorder;
 pub use run_state::{RunState, run_state};
 pub use shop_file::{ShopFile, WatchConfig};

@@ -81,6 +81,12 @@ impl MachineFolder {
         self.inbox().join("ledger")
     }
 
+    /// The log of messages that were obeyed or shown.
+    #[must_use]
+    pub fn messages(&self) -> PathBuf {
+        self.inbox().join("messages")
+    }
+
     /// The log of files that came from the watched folder.
     #[must_use]
     pub(crate) fn watch_log(&self) -> PathBuf {

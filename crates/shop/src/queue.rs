@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::io::ErrorKind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use retrace_config::NumberedError;
@@ -58,6 +58,19 @@ impl JobQueue {
     /// As [`Bundle::store`]; `E5008` where the disk has no room.
     pub fn stage(&self, sources: &[SourceFile], limits: InboxLimits) -> Result<StagedFiles, NumberedError> {
         let bytes: u64 = sources.iter().filter_map(|source| fs::metadata(&source.path).ok()).map(|of| of.len()).sum();
+        self.stage_by(bytes, limits, |files| Bundle::store(sources, files))
+    }
+
+    /// Stages a job of so many bytes whose files `store` writes to the folder that it gets, each under its hash.
+    ///
+    /// # Errors
+    /// Those of `store`; `E5008` where the disk has no room; `E5010`.
+    pub(crate) fn stage_by(
+        &self,
+        bytes: u64,
+        limits: InboxLimits,
+        store: impl FnOnce(&Path) -> Result<Bundle, NumberedError>,
+    ) -> Result<StagedFiles, NumberedError> {
         let free = free_bytes(&self.folder).map_err(|error| unusable(&self.folder, &error))?;
         if free < bytes.saturating_add(limits.disk_reserve_bytes) {
             return Err(no_room(&self.folder, bytes, &format!("its disk has {} MiB free", free >> 20), limits));
@@ -67,7 +80,7 @@ impl JobQueue {
         let files = folder.join("files");
         let stored = state_file::create_new_private_folder(&files)
             .map_err(|error| unusable(&files, &error))
-            .and_then(|()| Bundle::store(sources, &files));
+            .and_then(|()| store(&files));
         match stored {
             Ok(bundle) => Ok(StagedFiles { queue: self.folder.clone(), folder, bundle }),
             Err(refusal) => {
@@ -75,6 +88,22 @@ impl JobQueue {
                 Err(refusal)
             }
         }
+    }
+
+    /// The jobs that this computer has submitted to others below a root, until a machine has taken them.
+    ///
+    /// # Errors
+    /// `E5010`
+    pub(crate) fn outbox(root: &Path) -> Result<Self, NumberedError> {
+        // not the name of a machine
+        let folder = root.join("_outbox");
+        state_file::create_private_folder(&folder).map_err(|error| unusable(&folder, &error))?;
+        Ok(Self { folder })
+    }
+
+    /// Path of a file of its own.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
     }
 
     /// Whether a job is in the queue.

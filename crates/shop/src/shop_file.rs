@@ -10,6 +10,8 @@ use retrace_config::{NumberedError, nearest};
 use retrace_journal::JobStore;
 use serde::Deserialize;
 
+use crate::broker::BrokerSettings;
+use crate::broker::broker_settings::{BROKER_KEYS, BrokerToml};
 use crate::inbox_limits::InboxLimits;
 use crate::machine_folder::{MachineFolder, unusable};
 use crate::machine_name::MachineName;
@@ -17,12 +19,13 @@ use crate::machine_name::MachineName;
 /// Bytes of a GiB.
 const GIB: f64 = 1_073_741_824.0;
 /// The keys of the file, and those of `[watch]`.
-const KEYS: [&str; 11] = [
+const KEYS: [&str; 12] = [
     "name",
     "root",
     "inbox_gib",
     "machine_file",
     "watch",
+    "broker",
     "path",
     "machine",
     "done",
@@ -44,6 +47,8 @@ pub struct ShopFile {
     pub machine_file: Option<PathBuf>,
     /// The watched folder.
     pub watch: Option<WatchConfig>,
+    /// The broker between the computers of the shop.
+    pub broker: Option<BrokerSettings>,
 }
 
 /// A watched folder: files that arrive there are submitted (SHP-35).
@@ -71,6 +76,7 @@ struct ShopToml {
     inbox_gib: Option<f64>,
     machine_file: Option<PathBuf>,
     watch: Option<WatchToml>,
+    broker: Option<BrokerToml>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -138,7 +144,8 @@ impl ShopFile {
             })
         });
         let machine_file = toml.machine_file.map(beside);
-        Ok(Self { name, root, limits, machine_file, watch: watch.transpose()? })
+        let broker = toml.broker.map(|broker| broker.settings(beside).map_err(|(why, remedy)| wrong(&why, remedy)));
+        Ok(Self { name, root, limits, machine_file, watch: watch.transpose()?, broker: broker.transpose()? })
     }
 
     /// The folder of this machine.
@@ -169,7 +176,7 @@ impl ShopFile {
 /// What may have been meant by an unknown key.
 fn misread_remedy(message: &str) -> String {
     let key = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
-    match key.and_then(|key| nearest(key, KEYS)) {
+    match key.and_then(|key| nearest(key, KEYS.into_iter().chain(BROKER_KEYS))) {
         Some(near) => format!("did you mean `{near}`?"),
         None => "correct the line; docs/shop.md describes the keys of a shop file".into(),
     }

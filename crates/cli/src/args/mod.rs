@@ -44,7 +44,7 @@ pub use self::shell_files::ShellFiles;
 #[cfg(all(feature = "shop", unix))]
 pub use self::shop::MtConnect;
 #[cfg(feature = "shop")]
-pub use self::shop::{Shop, ShopAction, ShopJobOptions, Submit};
+pub use self::shop::{Shop, ShopAction, ShopInit, ShopJobOptions, Submit};
 
 /// Options of `retrace run` that need no program on the command line.
 const WITHOUT_PROGRAM: &[&str] = if cfg!(feature = "shop") { &["tui", "job"] } else { &["tui"] };

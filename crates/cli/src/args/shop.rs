@@ -48,11 +48,50 @@ pub enum ShopAction {
         #[command(flatten)]
         format: JsonObject,
     },
-    /// Take a job back that is neither running nor interrupted.
+    /// Send the jobs submitted here to the broker until machines have taken them, and make its streams.
+    #[command(after_help = "Examples:\n  retrace shop host\n  retrace shop host --once")]
+    Host {
+        /// End when every job was sent.
+        #[arg(long)]
+        once: bool,
+    },
+    /// Show what the machines of the shop do, until interrupted.
+    #[command(after_help = "Examples:\n  retrace shop watch\n  retrace shop watch --once --json")]
+    Watch {
+        /// Print the table once.
+        #[arg(long)]
+        once: bool,
+        #[command(flatten)]
+        format: JsonObject,
+    },
+    /// Take a job back that is neither running nor interrupted; one of another machine through the broker.
     #[command(after_help = "Example:\n  retrace shop recall 0192f0c1")]
     Recall {
         /// Name of the job or a unique prefix.
         id: String,
+    },
+    /// Show a text to the operator of a machine.
+    #[command(after_help = "Example:\n  retrace shop say mill-3 'the material comes at two'")]
+    Say {
+        /// Machine.
+        machine: String,
+        /// Text, one line.
+        text: String,
+    },
+    /// Write keys, shop files and the configuration of a nats-server for a shop of machines.
+    #[command(
+        after_help = "Example:\n  retrace shop init shop --machine mill-1 --machine mill-2 --submitter office \\\n    \
+        --group mills=mill-1,mill-2"
+    )]
+    Init(ShopInit),
+    /// Print the public key of a seed, which the shop files of machines name, or make a new seed.
+    #[command(after_help = "Examples:\n  retrace shop key --new office.seed\n  retrace shop key office.seed")]
+    Key {
+        /// File with the seed.
+        file: PathBuf,
+        /// Make a new seed in a new file.
+        #[arg(long)]
+        new: bool,
     },
     /// Give a job up: what is missing of it is not cut.
     #[command(after_help = "Example:\n  retrace shop give-up 0192f0c1")]
@@ -98,15 +137,61 @@ pub struct MtConnect {
     pub machine: Option<PathBuf>,
 }
 
+/// `retrace shop init`
+#[derive(Debug, Args)]
+pub struct ShopInit {
+    /// Folder for the files; seeds and shop files that are there are kept.
+    pub folder: PathBuf,
+    /// Machine; may be given more than once.
+    #[arg(long, value_name = "NAME")]
+    pub machine: Vec<String>,
+    /// Computer that submits jobs, beside the one that is named `host`; may be given more than once.
+    #[arg(long, value_name = "NAME")]
+    pub submitter: Vec<String>,
+    /// Group of machines; may be given more than once.
+    #[arg(long, value_name = "NAME=MACHINE,MACHINE")]
+    pub group: Vec<String>,
+    /// Server as the computers of the shop reach it; by default at the address of --listen, not encrypted.
+    #[arg(long, value_name = "URL")]
+    pub server: Option<String>,
+    /// Address and port that the server listens on.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:4222")]
+    pub listen: String,
+    /// Certificate of the server.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// Private key of that certificate.
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+    /// Root certificate that the computers verify the server with, as their shop files name it.
+    #[arg(long, value_name = "FILE")]
+    pub ca: Option<PathBuf>,
+    /// Allow an unencrypted connection to another computer.
+    #[arg(long)]
+    pub insecure: bool,
+    /// Have the server make each message durable before it acknowledges it; needs nats-server 2.10 or later.
+    #[arg(long)]
+    pub always_synced: bool,
+    /// Print the configuration of the server instead.
+    #[arg(long)]
+    pub print_config: bool,
+}
+
 /// `retrace shop submit`
 #[derive(Debug, Args)]
 pub struct Submit {
     /// The program, then its subprograms.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Machine that the job is for; by default this one.
+    /// Machine that the job is for; by default this one. With [broker] in the shop file it can be any machine.
     #[arg(long, value_name = "NAME")]
     pub machine: Option<String>,
+    /// Group of machines that the job is for: the first one that has nothing to do takes it.
+    #[arg(long, value_name = "NAME", conflicts_with = "machine")]
+    pub group: Option<String>,
+    /// Wait until a machine has taken the job.
+    #[arg(long)]
+    pub wait: bool,
     /// Number of pieces; each is a run of its own.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub quantity: u32,

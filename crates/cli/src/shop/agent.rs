@@ -13,6 +13,7 @@ use retrace_shop::{
     Taking, WatchOutcome, take_waiting,
 };
 
+use super::broker_link::BrokerLink;
 use super::job_check::{self, Checked};
 
 /// Time between two looks at queue and folder.
@@ -52,13 +53,25 @@ pub fn run(file: &ShopFile, once: bool) -> Result<(), NumberedError> {
     let mut agent =
         Agent { file, machine, watch, printed: BTreeMap::new(), unchecked: BTreeMap::new(), check_error: None };
     let began = Instant::now();
+    let mut link = BrokerLink::begin(file, &agent.machine)?;
+    if !once && let Some(link) = link.take() {
+        link.run(file);
+    }
     loop {
+        let has_received = match &mut link {
+            Some(link) => link.once()?,
+            None => false,
+        };
         agent.submit_watched()?;
         agent.take()?;
         agent.check()?;
         OpenLedger::open(&agent.machine.ledger())?.record_ended_runs()?;
         let is_standing = agent.watch.as_ref().is_some_and(FolderWatch::has_standing_files);
-        if once && (!is_standing || began.elapsed() > MAX_STANDING_WAIT) {
+        if once && !has_received && (!is_standing || began.elapsed() > MAX_STANDING_WAIT) {
+            // what was taken and checked is told
+            if let Some(link) = &mut link {
+                link.once()?;
+            }
             return agent.check_error.map_or(Ok(()), Err);
         }
         std::thread::sleep(if is_standing { STANDING_INTERVAL } else { POLL_INTERVAL });

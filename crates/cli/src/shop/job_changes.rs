@@ -5,32 +5,29 @@
 use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
 use retrace_shop::{
-    Inbox, JobQueue, LedgerEntry, LedgerJob, LedgerRun, OpenLedger, RunState, ShopFile, ShopJobState, run_state,
+    LedgerEntry, LedgerJob, LedgerRun, OpenLedger, RunState, ShopFile, ShopJobState, give_back, run_state,
 };
 
+use super::host;
 use super::shop_jobs::{FoundJob, ShopJobs};
 
-/// Takes a job back (SHP-14).
+/// Takes a job back (SHP-14): one of this machine, or one that was submitted here to another machine.
 ///
 /// # Errors
-/// `E5004` where there is none, `E5015` where it is running, interrupted or finished.
+/// `E5004` where there is none, `E5015` where it is running, interrupted or finished; those of the broker.
 pub fn recall(file: &ShopFile, name: &str) -> Result<(), NumberedError> {
     let jobs = ShopJobs::read(file)?;
-    let (id, machine, when) = (jobs.find(name)?.id(), &jobs.machine, Timestamp::now());
-    let mut open = OpenLedger::open(&machine.ledger())?;
-    let not_taken = match open.ledger().job(id) {
-        Some(job) => {
-            require(job, &[ShopJobState::Taken, ShopJobState::Ready], "recalled")?;
-            None
-        }
-        None => jobs.queued.iter().find(|job| job.id == id).map(|job| Box::new(job.clone())),
+    let id = match jobs.find(name) {
+        Ok(found) => found.id(),
+        Err(unknown) => return host::recall(file, name, unknown),
     };
-    open.append(LedgerEntry::Returned { when, id, not_taken })?;
-    drop(open);
-    JobQueue::of(machine).remove(id)?;
-    Inbox::of(machine).delete(id)?;
-    say!("job {id} is given back");
-    Ok(())
+    match give_back(&jobs.machine, id)? {
+        Some(state) => Err(unchangeable(&id.to_string(), state, "recalled")),
+        None => {
+            say!("job {id} is given back");
+            Ok(())
+        }
+    }
 }
 
 /// Gives a job up.

@@ -3,7 +3,11 @@
 //! Invariant: nothing is written; what is shown of a run is what its journal says now.
 
 use retrace_config::NumberedError;
-use retrace_shop::{CheckSummary, Inbox, LedgerJob, LedgerRun, ShopJob, ShopJobState, run_state};
+use retrace_journal::Timestamp;
+use retrace_shop::{
+    CheckSummary, HandledContent, HandledMessage, Inbox, LedgerJob, LedgerRun, ShopJob, ShopJobState, read_messages,
+    run_state,
+};
 use serde_json::{Value, json};
 
 use super::shop_jobs::{FoundJob, ShopJobs};
@@ -12,6 +16,9 @@ use crate::jobs::table;
 
 /// Number of finished jobs that are listed without --all.
 const LISTED_FINISHED: usize = 20;
+/// Number of texts for the operator that are listed, and their greatest age.
+const LISTED_TEXTS: usize = 5;
+const TEXT_AGE_MS: u64 = 86_400_000;
 
 /// A job with its state.
 struct JobRow<'a> {
@@ -73,11 +80,28 @@ impl<'a> JobRow<'a> {
     }
 }
 
-/// Lists the jobs.
+/// The last texts for the operator, the oldest first.
+fn last_texts(messages: &[HandledMessage]) -> Vec<(&HandledMessage, &str)> {
+    let oldest = Timestamp::now().ms().saturating_sub(TEXT_AGE_MS);
+    let texts = messages.iter().filter(|message| message.when.ms() >= oldest).filter_map(|message| {
+        let HandledContent::Text { text } = &message.content else { return None };
+        Some((message, text.as_str()))
+    });
+    let texts: Vec<(&HandledMessage, &str)> = texts.collect();
+    texts[texts.len().saturating_sub(LISTED_TEXTS)..].to_vec()
+}
+
+fn texts_json(texts: &[(&HandledMessage, &str)]) -> Vec<Value> {
+    texts.iter().map(|(message, text)| json!({"when": message.when, "from": message.from, "text": text})).collect()
+}
+
+/// Lists the jobs, below the last texts for the operator.
 ///
 /// # Errors
-/// None: the jobs were read.
+/// `E5009`, `E5010` where the texts cannot be read.
 pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), NumberedError> {
+    let messages = read_messages(&jobs.machine.messages())?;
+    let texts = last_texts(&messages);
     let mut rows: Vec<JobRow<'_>> = jobs.ledger.jobs().iter().map(|job| JobRow::of(FoundJob::Listed(job))).collect();
     rows.extend(jobs.queued.iter().map(|job| JobRow::of(FoundJob::Queued(job))));
     rows.sort_by_key(|row| row.job.id);
@@ -91,8 +115,11 @@ pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), Numbered
     });
     if is_json {
         let rows: Vec<Value> = rows.iter().enumerate().map(|(number, row)| row.json(number + 1)).collect();
-        crate::out::line(json!({"machine": jobs.machine.name(), "jobs": rows}));
+        crate::out::line(json!({"machine": jobs.machine.name(), "jobs": rows, "texts": texts_json(&texts)}));
         return Ok(());
+    }
+    for (message, text) in &texts {
+        say!("{} {}: {}", message.when, escape::name(&message.from), escape::lines(text));
     }
     if rows.is_empty() {
         say!("machine {} has no jobs; `retrace shop submit FILE` submits one", jobs.machine.name());
@@ -153,7 +180,7 @@ pub fn show(jobs: &ShopJobs, id: &str, is_json: bool) -> Result<(), NumberedErro
 fn details(jobs: &ShopJobs, row: &JobRow<'_>) -> Vec<(&'static str, String)> {
     let job = row.job;
     let mut rows = vec![
-        ("machine", job.machine.to_string()),
+        ("for", job.target.to_string()),
         ("pieces", format!("{} of {}", row.good_pieces(), job.quantity)),
         ("submitted", format!("{} by {}", job.submitted, escape::name(&job.submitter))),
         ("bundle", job.bundle.to_string()),

@@ -5,13 +5,18 @@
 
 mod agent;
 mod audit;
+mod broker_link;
+mod host;
+mod init;
 mod job_changes;
 mod job_check;
 mod job_list;
+mod key;
 #[cfg(unix)]
 mod mtconnect;
 mod shop_jobs;
 mod submit;
+mod watch;
 
 use retrace_config::NumberedError;
 use retrace_shop::ShopFile;
@@ -25,13 +30,23 @@ pub use self::shop_jobs::ShopJobs;
 /// # Errors
 /// See the actions.
 pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
+    match &args.action {
+        ShopAction::Key { file, new } => return key::run(file, *new),
+        ShopAction::Init(init) => return init::run(init),
+        _ => {}
+    }
     let file = ShopFile::load(args.shop_file.as_deref())?;
     match &args.action {
         ShopAction::Submit(submit) => submit::run(&file, submit),
         ShopAction::Agent { once } => agent::run(&file, *once),
         ShopAction::Jobs { format, all } => job_list::list(&ShopJobs::read(&file)?, format.json, *all),
         ShopAction::Show { id, format } => job_list::show(&ShopJobs::read(&file)?, id, format.json),
+        ShopAction::Host { once } => host::run(&file, *once),
+        ShopAction::Watch { once, format } => watch::run(&file, *once, format.json),
         ShopAction::Recall { id } => job_changes::recall(&file, id),
+        ShopAction::Say { machine, text } => host::say(&file, machine, text),
+        // run above, without a shop file
+        ShopAction::Key { .. } | ShopAction::Init(_) => Ok(()),
         ShopAction::GiveUp { id } => job_changes::give_up(&file, id),
         ShopAction::Scrap { id, run } => job_changes::scrap(&file, id, run),
         #[cfg(unix)]
