@@ -139,6 +139,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 2,
     },
     Campaign {
+        name: "shop-broker",
+        purpose: "jobs of a shop of half as many machines, at most 50, around a nats-server; server, host, agents, runs \
+            and machines killed at any moment: every job is cut in its quantity by one machine",
+        test: ["retrace-tests", "campaigns", "shop_broker::"],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 4,
+    },
+    Campaign {
         name: "spindle-faults",
         purpose: "every fault of the encoder and the spindle in a thread is an alarm",
         test: ["retrace-hal-sim", "testsuite", "threads::no_fault_of_the_encoder_is_silent"],

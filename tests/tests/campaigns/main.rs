@@ -22,5 +22,6 @@ mod power_cuts;
 mod programs;
 mod recovery;
 mod shift_limits;
+mod shop_broker;
 mod shop_jobs;
 mod stops;
