@@ -3,7 +3,7 @@
 //! Invariant: server and agents end with the value, and everything that they write lies in the folder of the bench.
 
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -196,6 +196,22 @@ impl<'a> ShopBroker<'a> {
         fs::read_to_string(self.bench.path(&format!("{computer}.log"))).unwrap_or_default()
     }
 
+    /// The messages of a stream of a server without keys, up to the first 100.
+    ///
+    /// # Panics
+    /// Where the server does not answer.
+    #[must_use]
+    pub fn stored(&self, stream: &str) -> Vec<Vec<u8>> {
+        let mut raw = self.raw();
+        let get = |number: u32| {
+            let subject = format!("$JS.API.STREAM.MSG.GET.{stream}");
+            let answer = raw.request(&subject, format!("{{\"seq\":{number}}}").as_bytes());
+            let answer: serde_json::Value = serde_json::from_slice(&answer).expect("JSON");
+            answer["message"]["data"].as_str().map(decoded)
+        };
+        (1..=100).map_while(get).collect()
+    }
+
     /// A connection without a key that speaks the protocol by hand.
     ///
     /// # Panics
@@ -204,7 +220,7 @@ impl<'a> ShopBroker<'a> {
     pub fn raw(&self) -> RawClient {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("it listens");
         stream.write_all(b"CONNECT {\"verbose\":false,\"pedantic\":false}\r\nPING\r\n").expect("sent");
-        let mut client = RawClient { stream };
+        let mut client = RawClient { stream, requests: 0 };
         client.wait_pong();
         client
     }
@@ -220,9 +236,25 @@ impl Drop for ShopBroker<'_> {
     }
 }
 
+/// The bytes of a text in base64.
+fn decoded(text: &str) -> Vec<u8> {
+    const LETTERS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let (mut bytes, mut bits, mut count) = (Vec::new(), 0_u32, 0);
+    for value in text.bytes().filter_map(|letter| LETTERS.iter().position(|&known| known == letter)) {
+        bits = bits << 6 | value as u32;
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            bytes.push((bits >> count) as u8);
+        }
+    }
+    bytes
+}
+
 /// A client of the server that sends what it is told.
 pub struct RawClient {
     stream: TcpStream,
+    requests: u32,
 }
 
 impl RawClient {
@@ -243,6 +275,28 @@ impl RawClient {
     pub fn flush(&mut self) {
         self.stream.write_all(b"PING\r\n").expect("sent");
         self.wait_pong();
+    }
+
+    /// Asks for an answer on an own subject, and returns its payload.
+    ///
+    /// # Panics
+    /// Where none comes within 30 s.
+    #[must_use]
+    pub fn request(&mut self, subject: &str, payload: &[u8]) -> Vec<u8> {
+        self.requests += 1;
+        let (number, inbox) = (self.requests, format!("_INBOX_raw.{}", self.requests));
+        let head = format!("SUB {inbox} {number}\r\nUNSUB {number} 1\r\nPUB {subject} {inbox} {}\r\n", payload.len());
+        self.stream.write_all(&[head.as_bytes(), payload, b"\r\n"].concat()).expect("sent");
+        let mut reader = BufReader::new(self.stream.try_clone().expect("a stream"));
+        loop {
+            let mut line = String::new();
+            reader.read_line(&mut line).expect("an answer");
+            let Some(head) = line.trim_end().strip_prefix("MSG ") else { continue };
+            let bytes = head.rsplit(' ').next().and_then(|bytes| bytes.parse().ok()).expect("a length");
+            let mut payload = vec![0; bytes];
+            reader.read_exact(&mut payload).expect("a payload");
+            return payload;
+        }
     }
 
     fn wait_pong(&mut self) {

@@ -148,6 +148,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 4,
     },
     Campaign {
+        name: "shop-messages",
+        purpose: "everything that an agent reads from the broker, filled with random and changed messages: nothing \
+            starts, and only what was signed reaches the inbox",
+        test: ["retrace-tests", "campaigns", "shop_messages::"],
+        asked: BY_SEED,
+        full: 100_000,
+        slice: 1500,
+    },
+    Campaign {
         name: "spindle-faults",
         purpose: "every fault of the encoder and the spindle in a thread is an alarm",
         test: ["retrace-hal-sim", "testsuite", "threads::no_fault_of_the_encoder_is_silent"],

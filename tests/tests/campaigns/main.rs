@@ -24,4 +24,5 @@ mod recovery;
 mod shift_limits;
 mod shop_broker;
 mod shop_jobs;
+mod shop_messages;
 mod stops;

@@ -38,7 +38,7 @@ const MAX_ATTEMPTS: u32 = 5;
 /// Most jobs that wait to be tried again; beyond them no further message is read.
 const MAX_WAITING: usize = 1000;
 /// Most messages that are read in one pass.
-const MAX_PER_PASS: usize = 1000;
+const MAX_PER_PASS: usize = 10_000;
 
 /// What the receiver has done.
 #[derive(Clone, Debug, PartialEq, Eq)]
