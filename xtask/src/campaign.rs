@@ -140,8 +140,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "shop-broker",
-        purpose: "jobs of a shop of half as many machines, at most 50, around a nats-server; server, host, agents, runs \
-            and machines killed at any moment: every job is cut in its quantity by one machine",
+        purpose: "jobs of a shop of half as many machines, at most 50, around a nats-server; server, host, agents, \
+            runs and machines killed at any moment: every job is cut in its quantity by one machine",
         test: ["retrace-tests", "campaigns", "shop_broker::"],
         asked: BY_SEED,
         full: 1000,

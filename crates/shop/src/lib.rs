@@ -61,7 +61,8 @@ pub use audit::{AuditFault, AuditReport, HeldJob, audit_roots};
 pub use broker::{
     BrokerConnection, BrokerNews, BrokerRole, BrokerSettings, BrokerUser, Claim, ClaimState, Claiming, Delivery,
     EventSender, JobReceiver, MAX_STATE_AGE, MachineState, Outbox, ServerSettings, ShopEvent, ShopMessage, StateSender,
-    SubmittedJob, create_missing_stores, machine_states, new_seed, public_key, publish, server_config,
+    SubmittedJob, audit_broker, create_missing_stores, machine_states, new_seed, public_key, publish, server_config,
+    store_faults,
 };
 pub use bundle::{Bundle, BundleFile, BundleRole, MAX_BUNDLE_BYTES, MAX_BUNDLE_FILES, SourceFile};
 pub use content_hash::{ContentHash, ParseContentHashError};

@@ -40,6 +40,12 @@ impl MachineFolder {
         Ok(all)
     }
 
+    /// Its path.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Name of the machine.
     #[must_use]
     pub fn name(&self) -> &MachineName {

@@ -54,12 +54,12 @@ fn message(chance: &mut TestRandom, recorded: &[Vec<u8>], id: &str) -> Vec<u8> {
         _ => {
             let mut text = recorded[chance.below(recorded.len())].clone();
             for _ in 0..=chance.below(3) {
-                let at = chance.below(text.len());
+                let at = chance.below(text.len().max(1));
                 match chance.below(3) {
                     // never to the other case of a letter, which a hexadecimal digit does not distinguish
-                    0 => text[at] = text[at].wrapping_add(1),
-                    1 => drop(text.remove(at)),
-                    _ => text.truncate(at.max(1)),
+                    0 if !text.is_empty() => text[at] = text[at].wrapping_add(1),
+                    1 if !text.is_empty() => drop(text.remove(at)),
+                    _ => text.truncate(at),
                 }
             }
             text

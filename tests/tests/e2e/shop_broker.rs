@@ -65,6 +65,9 @@ fn a_job_of_the_office_is_taken_checked_and_run_at_its_machine() {
     assert_eq!(run.code, Some(0), "{}", run.err);
     assert_eq!(jobs(&broker, "mill-1")[0].1, "done");
     broker.done("office", &["audit"]);
+    // the events follow
+    broker.done("mill-1", &["agent", "--once"]);
+    assert_contains(&broker.done("office", &["audit", "--broker"]), &["1 jobs, 0 faults"]);
 }
 
 #[test]
@@ -226,6 +229,24 @@ fn states_come_from_the_agents_and_age_without_them() {
     assert!(states["machines"][0]["state"].is_null() && states["machines"][0]["machine"] == "mill-1", "{states}");
     broker.kill_agent("mill-1");
     wait_for("the state is old", 25, || broker.done("office", &["watch", "--once"]).contains("not known"));
+}
+
+#[test]
+fn the_doctor_names_what_is_missing() {
+    let (bench, part) = bench();
+    let test = "shop_broker::the_doctor_names_what_is_missing";
+    let Some(mut broker) = ShopBroker::start(test, &bench, &["mill"], &[]) else { return };
+    let _ = submit(&broker, &part, &["--machine", "mill"]);
+    let well = broker.done("mill", &["doctor"]);
+    assert_contains(&well, &["this computer is mill", "key: U", "broker: nats-server", "streams: complete"]);
+    assert_contains(&broker.done("office", &["doctor"]), &["no machine has taken yet: 1"]);
+    broker.kill_server();
+    let away = broker.retrace("mill", &["doctor"]);
+    assert!(away.code == Some(2) && away.err.contains("error[E5035]"), "{}", away.err);
+    broker.delete_store();
+    broker.start_server();
+    let empty = broker.retrace("mill", &["doctor"]);
+    assert!(empty.code == Some(2) && empty.err.contains("stream JOBS is missing"), "{}", empty.err);
 }
 
 /// The claim says that the machine had the job, and nobody but a person can know whether it was cut.

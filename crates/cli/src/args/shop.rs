@@ -113,9 +113,15 @@ pub enum ShopAction {
         /// Root of a shop; may be given more than once. By default that of the shop file.
         #[arg(long, value_name = "DIR")]
         root: Vec<PathBuf>,
+        /// Read events and claims at the broker instead of ledgers and journals.
+        #[arg(long, conflicts_with = "root")]
+        broker: bool,
         #[command(flatten)]
         format: JsonObject,
     },
+    /// Check shop file, ledger, broker and permissions of this computer; changes nothing.
+    #[command(after_help = "Example:\n  retrace shop doctor")]
+    Doctor,
     /// Serve what the machine does to an MTConnect agent (SHDR), until interrupted; nothing is taken from it.
     #[cfg(unix)]
     #[command(after_help = "Examples:\n  retrace shop mtconnect\n  retrace shop mtconnect --devices > Devices.xml")]

@@ -7,10 +7,12 @@ use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
 use retrace_journal::JobStore;
-use retrace_shop::{AuditFault, AuditReport, HeldJob, Ledger, MachineFolder, ShopFile, audit_roots};
+use retrace_shop::{AuditFault, AuditReport, HeldJob, Ledger, MachineFolder, ShopFile, audit_broker, audit_roots};
 use serde_json::{Value, json};
 
-/// Runs the command.
+use super::host;
+
+/// Runs the command over ledgers and journals.
 ///
 /// # Errors
 /// `E5019` where something is wrong.
@@ -18,11 +20,24 @@ pub fn run(file: &ShopFile, roots: &[PathBuf], is_json: bool) -> Result<(), Numb
     let roots = if roots.is_empty() { std::slice::from_ref(&file.root) } else { roots };
     let roots: Vec<PathBuf> = roots.iter().map(|root| absolute(root)).collect();
     let report = audit_roots(&roots, &journals(&roots));
+    print(&report, report.jobs.len(), is_json)
+}
+
+/// Runs the command over events and claims at the broker.
+///
+/// # Errors
+/// `E5019` where something is wrong; those of the broker.
+pub fn run_broker(file: &ShopFile, is_json: bool) -> Result<(), NumberedError> {
+    let (jobs, faults) = audit_broker(&host::connect(file)?)?;
+    print(&AuditReport { jobs: Vec::new(), faults }, jobs, is_json)
+}
+
+fn print(report: &AuditReport, jobs: usize, is_json: bool) -> Result<(), NumberedError> {
     if is_json {
-        crate::out::line(report_json(&report));
+        crate::out::line(report_json(report));
     } else {
         report.faults.iter().for_each(|fault| say!("{}", fault_text(fault)));
-        say!("{} jobs, {} faults", report.jobs.len(), report.faults.len());
+        say!("{jobs} jobs, {} faults", report.faults.len());
     }
     match report.faults.len() {
         0 => Ok(()),

@@ -6,6 +6,7 @@
 mod agent;
 mod audit;
 mod broker_link;
+mod doctor;
 mod host;
 mod init;
 mod job_changes;
@@ -51,6 +52,8 @@ pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
         ShopAction::Scrap { id, run } => job_changes::scrap(&file, id, run),
         #[cfg(unix)]
         ShopAction::Mtconnect(adapter) => mtconnect::run(&file, adapter),
-        ShopAction::Audit { root, format } => audit::run(&file, root, format.json),
+        ShopAction::Audit { broker: true, format, .. } => audit::run_broker(&file, format.json),
+        ShopAction::Audit { root, format, .. } => audit::run(&file, root, format.json),
+        ShopAction::Doctor => doctor::run(&file),
     }
 }

@@ -12,6 +12,7 @@
 //! queue, to give one back that is not running, or to show a text.
 
 mod broker_access;
+mod broker_audit;
 mod broker_connection;
 pub(crate) mod broker_settings;
 mod claim;
@@ -24,6 +25,7 @@ mod state_sender;
 mod stores;
 
 pub use broker_access::{BrokerRole, BrokerUser, ServerSettings, server_config};
+pub use broker_audit::audit_broker;
 pub use broker_connection::BrokerConnection;
 pub use broker_settings::{BrokerSettings, new_seed, public_key};
 pub use claim::{Claim, ClaimState, Claiming};
@@ -32,4 +34,4 @@ pub use job_receiver::{BrokerNews, JobReceiver};
 pub use outbox::{Delivery, Outbox, SubmittedJob, publish};
 pub use signed_message::ShopMessage;
 pub use state_sender::{MAX_STATE_AGE, MachineState, StateSender, machine_states};
-pub use stores::create_missing_stores;
+pub use stores::{create_missing_stores, store_faults};

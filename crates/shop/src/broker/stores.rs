@@ -88,6 +88,40 @@ pub fn create_missing_stores(connection: &BrokerConnection) -> Result<Vec<String
     Ok(made)
 }
 
+/// What is wrong with the streams and buckets at the broker; nothing where `retrace shop host` has made them.
+///
+/// # Errors
+/// `E5035`, `E5038`
+pub fn store_faults(connection: &BrokerConnection) -> Result<Vec<String>, NumberedError> {
+    let mut faults = Vec::new();
+    for config in configs() {
+        let name = &config.name;
+        let found = match connection.try_run(ANSWER_LIMIT, connection.context().get_stream(name)) {
+            Some(Ok(stream)) => stream.cached_info().config.clone(),
+            Some(Err(error)) if error.to_string().contains("not found") => {
+                faults.push(format!("stream {name} is missing"));
+                continue;
+            }
+            Some(Err(error)) => return connection.run(ANSWER_LIMIT, &format!("stream {name}"), async { Err(error) }),
+            None => return connection.run(ANSWER_LIMIT, &format!("stream {name}"), async { Err("no answer") }),
+        };
+        let settings = |of: &Config| {
+            (
+                of.subjects.clone(),
+                of.max_age,
+                of.max_messages_per_subject,
+                of.allow_direct,
+                of.deny_delete,
+                of.retention,
+            )
+        };
+        if settings(&found) != settings(&config) {
+            faults.push(format!("stream {name} has other settings than this program makes"));
+        }
+    }
+    Ok(faults)
+}
+
 fn configs() -> [Config; 5] {
     let stream = |name: &str, subject: &str| Config {
         name: name.into(),
