@@ -148,6 +148,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 4,
     },
     Campaign {
+        name: "shop-away",
+        purpose: "a run on a served card while the broker is away for so many seconds: nothing is late, and everything \
+            follows",
+        test: ["retrace-tests", "campaigns", "shop_away::"],
+        asked: BY_SEED,
+        full: 600,
+        slice: 3,
+    },
+    Campaign {
         name: "shop-messages",
         purpose: "everything that an agent reads from the broker, filled with random and changed messages: nothing \
             starts, and only what was signed reaches the inbox",

@@ -173,15 +173,7 @@ impl JobStore {
     #[must_use]
     pub fn list(&self) -> Vec<ListedJob> {
         let mut all: Vec<ListedJob> = self.folders().into_iter().map(JobFolder::into_listed).collect();
-        let when = |job: &ListedJob| job.summary.as_ref().map(|glance| glance.job.when);
-        // Where a journal does not have its time of beginning, the name has it, to the second.
-        all.sort_by(|a, b| {
-            let by_name = || b.folder.id.cmp(&a.folder.id);
-            match (when(a), when(b)) {
-                (Some(a), Some(b)) => b.cmp(&a).then_with(by_name),
-                _ => by_name(),
-            }
-        });
+        all.sort_by_cached_key(|job| std::cmp::Reverse(job.age_key()));
         all
     }
 
@@ -220,6 +212,17 @@ impl JobStore {
             (entry.path().is_dir() && is_id(&id)).then(|| JobFolder { path: entry.path(), id })
         };
         entries.filter_map(Result::ok).filter_map(named).collect()
+    }
+}
+
+impl ListedJob {
+    /// What orders jobs by their beginning: its second, its millisecond, the name. Where a journal does not have its
+    /// time of beginning, the name has it, to the second.
+    fn age_key(&self) -> (String, Option<u64>, String) {
+        let id = &self.folder.id;
+        let when = self.summary.as_ref().map(|summary| summary.job.when);
+        let second = when.map_or_else(|| id.get(..15).unwrap_or_default().to_owned(), Timestamp::compact);
+        (second, when.map(Timestamp::ms), id.clone())
     }
 }
 
@@ -447,6 +450,27 @@ mod tests {
         }
         assert!(names.iter().all(|name| is_id(name)));
         assert!(!["", "20231114-221320-", "2023111-4221320-x", "report-1.json", "ä"].iter().any(|name| is_id(name)));
+    }
+
+    /// Jobs that begin within one second, of which some have no time, are in one order: `sort_by` panics otherwise.
+    #[test]
+    fn jobs_without_a_time_have_a_place_in_the_order_of_the_others() {
+        let (_folder, jobs) = folder();
+        // by their names in the other order than by their times
+        for number in 0..60_u64 {
+            let (when, name) = (Timestamp::from_ms(1_000_000 + number), format!("p{:02}.ngc", 99 - number));
+            let folder = jobs.create(&name, when).expect("a folder");
+            if number % 3 != 0 {
+                let job = crate::entry::JobHeader { id: folder.id().into(), when, ..job("[machine]", JobCard::Sim) };
+                let store = folder.create_journal().expect("a file");
+                drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
+            }
+        }
+        let times: Vec<Option<u64>> =
+            jobs.list().iter().map(|job| job.summary.as_ref().map(|summary| summary.job.when.ms())).collect();
+        let known: Vec<u64> = times.iter().flatten().copied().collect();
+        assert_eq!((times.len(), known.len()), (60, 40));
+        assert!(known.is_sorted_by(|a, b| a > b), "{known:?}");
     }
 
     #[test]

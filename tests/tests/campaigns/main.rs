@@ -22,6 +22,7 @@ mod power_cuts;
 mod programs;
 mod recovery;
 mod shift_limits;
+mod shop_away;
 mod shop_broker;
 mod shop_jobs;
 mod shop_messages;

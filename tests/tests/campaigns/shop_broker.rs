@@ -24,6 +24,7 @@ struct HeldJob {
     id: String,
     machine: String,
     state: String,
+    good: u64,
 }
 
 struct Shop<'a> {
@@ -118,8 +119,12 @@ impl Shop<'_> {
         let result = self.broker.retrace("host", &["audit", "--json", "--root", &self.root()]);
         let audit: Value = serde_json::from_str(&result.out).unwrap_or_else(|error| panic!("{error}: {}", result.err));
         let text = |job: &Value, key: &str| job[key].as_str().expect("a text").to_owned();
-        let job =
-            |job: &Value| HeldJob { id: text(job, "id"), machine: text(job, "machine"), state: text(job, "state") };
+        let job = |job: &Value| HeldJob {
+            id: text(job, "id"),
+            machine: text(job, "machine"),
+            state: text(job, "state"),
+            good: job["good"].as_u64().expect("a number"),
+        };
         self.held = audit["jobs"].as_array().expect("a list").iter().map(job).collect();
         audit["faults"].clone()
     }
@@ -194,13 +199,14 @@ impl Shop<'_> {
         if journals.len() > self.started {
             return Err(format!("{} runs were started, and there are {} journals", self.started, journals.len()));
         }
+        // a journal is deleted when a hundred newer jobs were completed: the ledger has counted it then
         for (id, quantity) in &self.promised {
             let of =
                 journals.iter().filter(|run| run["program"].as_str().is_some_and(|path| path.contains(id.as_str())));
             let completed = of.filter(|run| run["state"] == "completed").count() as u64;
-            let holders = self.held.iter().filter(|job| &job.id == id).count();
-            if (completed, holders) != (*quantity, 1) {
-                return Err(format!("{id}: {holders} machines, {completed} of {quantity} pieces"));
+            let good: Vec<u64> = self.held.iter().filter(|job| &job.id == id).map(|job| job.good).collect();
+            if good != [*quantity] || completed > *quantity {
+                return Err(format!("{id}: good pieces at each machine {good:?}, {completed} of {quantity} journals"));
             }
         }
         match self.held.len() == self.promised.len() {

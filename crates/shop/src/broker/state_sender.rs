@@ -27,7 +27,7 @@ pub struct MachineState {
     pub when: Timestamp,
     /// Time since which this `state` is so.
     pub since: Timestamp,
-    /// `running`, `stopped` and so on; `None` where no command operates the machine.
+    /// The word of the machine's screen, such as `RUNNING` or `HOLD`; `None` where no command operates the machine.
     pub state: Option<String>,
     /// Name of the program.
     pub program: Option<String>,
@@ -59,7 +59,7 @@ impl MachineState {
         Self {
             when: now,
             since: now,
-            state: report.state("stage").map(str::to_owned),
+            state: report.state("word").map(str::to_owned),
             program: report.program().map(str::to_owned),
             line: report.line(),
             done_percent: done_percent(report.live("run_s"), report.live("left_s")),
