@@ -53,6 +53,22 @@ impl<'a> ShopBroker<'a> {
         Some(broker.run())
     }
 
+    /// As [`start`](Self::start), with `tls://` in the shop files.
+    ///
+    /// # Panics
+    /// Where a command fails.
+    pub fn start_over_tls(test: &str, bench: &'a Bench, machines: &[&str], more: &[&str]) -> Option<Self> {
+        let broker = Self::prepare(test, bench, machines, more)?;
+        let unencrypted = format!("nats://{}:{}", "127.0.0.1", broker.port);
+        for computer in machines.iter().chain(&["host", "office"]) {
+            let file = broker.shop_file(computer);
+            let text = fs::read_to_string(&file).expect("a shop file");
+            let text = text.replace(&unencrypted, &format!("tls://{}:{}", "localhost", broker.port));
+            fs::write(&file, text).expect("written");
+        }
+        Some(broker.run())
+    }
+
     /// As [`start`](Self::start), with a server that asks nobody for a key, so that a test can send anything.
     ///
     /// # Panics
@@ -196,20 +212,16 @@ impl<'a> ShopBroker<'a> {
         fs::read_to_string(self.bench.path(&format!("{computer}.log"))).unwrap_or_default()
     }
 
-    /// The messages of a stream of a server without keys, up to the first 100.
+    /// The last message on a subject of a stream, of a server without keys.
     ///
     /// # Panics
-    /// Where the server does not answer.
+    /// Where there is none, or the server does not answer.
     #[must_use]
-    pub fn stored(&self, stream: &str) -> Vec<Vec<u8>> {
-        let mut raw = self.raw();
-        let get = |number: u32| {
-            let subject = format!("$JS.API.STREAM.MSG.GET.{stream}");
-            let answer = raw.request(&subject, format!("{{\"seq\":{number}}}").as_bytes());
-            let answer: serde_json::Value = serde_json::from_slice(&answer).expect("JSON");
-            answer["message"]["data"].as_str().map(decoded)
-        };
-        (1..=100).map_while(get).collect()
+    pub fn stored_last(&self, stream: &str, subject: &str) -> Vec<u8> {
+        let request = format!("{{\"last_by_subj\":\"{subject}\"}}");
+        let answer = self.raw().request(&format!("$JS.API.STREAM.MSG.GET.{stream}"), request.as_bytes());
+        let answer: serde_json::Value = serde_json::from_slice(&answer).expect("JSON");
+        decoded(answer["message"]["data"].as_str().expect("a message"))
     }
 
     /// A connection without a key that speaks the protocol by hand.
