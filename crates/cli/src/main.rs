@@ -60,6 +60,7 @@ mod resume_summary;
 mod run;
 mod run_outputs;
 mod saved_materials;
+mod send;
 mod serial_source;
 mod serve;
 mod shell_files;
@@ -109,6 +110,7 @@ fn main() -> ExitCode {
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Doctor(args) => doctor::run(&args).map(|()| 0),
+        Command::Send(args) => send::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args.block, &args.options),

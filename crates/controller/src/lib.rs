@@ -139,7 +139,7 @@ pub use sense_outcome::SenseOutcome;
 pub use session::{Outcome, RunMode, Session};
 pub use soft_limits::LimitFinding;
 pub use start_line::StartPoint;
-pub use tape::{ReceivedByte, TapeError, TapeReader};
+pub use tape::{ReceivedByte, TapeError, TapeReader, UnsendableCharacter, tape_of};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
 pub use thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadPlanner, ThreadRuns, ThreadStretch};
 pub use tool_length::{EnteredLength, ToolLengthError};

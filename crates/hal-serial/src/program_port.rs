@@ -1,4 +1,5 @@
-//! A serial port that receives a program: any character format, the modem lines, and damage distinguished from data.
+//! A serial port that receives or sends a program: any character format, the modem lines, and damage distinguished
+//! from data.
 //!
 //! Seven bits with a parity bit are received as eight bits without one. On the line these are identical, and the
 //! decoder can detect which character was damaged, also on a pseudo-terminal.
@@ -7,7 +8,7 @@
 
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::port::{PortLost, open_with};
 use crate::{Address, PortError};
@@ -45,9 +46,27 @@ pub enum Character {
     Damaged,
 }
 
-/// A port that receives a program, opened exclusively.
+/// Characters that may wait in the system while a program is sent: the other end is obeyed behind at most so many.
+const MAX_AHEAD: u64 = 2;
+
+impl CharacterFormat {
+    /// Time that the line takes for a character, with its start bit, in nanoseconds.
+    #[must_use]
+    pub fn character_ns(&self) -> u64 {
+        let parity = u64::from(self.parity != ParityBit::None);
+        let bits = 1 + u64::from(self.bits) + parity + u64::from(self.stop);
+        bits * 1_000_000_000 / u64::from(self.baud.max(1))
+    }
+}
+
+/// A port that receives or sends a program, opened exclusively.
 pub struct ProgramPort {
     path: PathBuf,
+    /// Time that the line takes for a character.
+    character_ns: u64,
+    opened: Instant,
+    /// When the line will have sent everything that was written, since it was opened.
+    free_at_ns: u64,
     port: Box<dyn serialport::SerialPort>,
     marks: Option<Marks>,
     is_pty: bool,
@@ -84,7 +103,8 @@ impl ProgramPort {
         let port = open_with(&address, path, set)?;
         let marks = marking.map(|marking| marking.switch_on().map(|()| Marks::default())).transpose();
         let marks = marks.map_err(|error| address.unfit(&format!("damage cannot be marked: {error}")))?;
-        Ok(Self { path: path.to_owned(), port, marks, is_pty })
+        let (character_ns, opened) = (format.character_ns(), Instant::now());
+        Ok(Self { path: path.to_owned(), character_ns, opened, free_at_ns: 0, port, marks, is_pty })
     }
 
     fn lost(&self, why: impl ToString) -> PortLost {
@@ -123,6 +143,29 @@ impl ProgramPort {
             Err(error) if is_nothing(&error) => Ok(false),
             Err(error) => Err(self.lost(error)),
         }
+    }
+
+    /// Sends a character of a program, unless two are on their way: neither the driver's queue nor what the line can
+    /// have sent by now, of which an adapter tells nothing, holds more. Returns whether it was sent.
+    ///
+    /// # Errors
+    /// The line is gone.
+    pub fn send_paced(&mut self, byte: u8) -> Result<bool, PortLost> {
+        let now = self.opened.elapsed().as_nanos() as u64;
+        let counted = self.free_at_ns.saturating_sub(now).div_ceil(self.character_ns.max(1));
+        // a pseudo-terminal counts what its other end has not read
+        let queued = if self.is_pty { 0 } else { self.port.bytes_to_write().unwrap_or(0) };
+        if counted.max(u64::from(queued)) >= MAX_AHEAD || !self.send(byte)? {
+            return Ok(false);
+        }
+        self.free_at_ns = self.free_at_ns.max(now) + self.character_ns;
+        Ok(true)
+    }
+
+    /// Time that the line takes for a character.
+    #[must_use]
+    pub fn character_time(&self) -> Duration {
+        Duration::from_nanos(self.character_ns)
     }
 
     /// Switches RTS, which permits the other end to send. A pseudo-terminal has no such line.

@@ -243,3 +243,106 @@ fn with_rts_and_cts_no_code_is_sent_over_the_line() {
     assert_eq!((result.code, counts(&result).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", result.err);
     assert_eq!(sent.join().expect("it sends"), Vec::<u8>::new(), "neither DC1 nor DC3");
 }
+
+/// An old control: it asks by DC1, pauses the sender by DC3 when its memory of 4 KiB is three quarters full, and reads
+/// slowly. Returns everything that it has received, and the largest number of bytes that came behind its DC3.
+fn old_control(mut line: TTYPort, expected: usize, parity_of_codes: u8) -> thread::JoinHandle<(Vec<u8>, usize, u32)> {
+    thread::spawn(move || {
+        let (mut received, mut memory, mut behind, mut worst, mut pauses) = (Vec::new(), 0_usize, 0, 0, 0);
+        let (mut is_paused, begun) = (false, Instant::now());
+        line.set_timeout(Duration::from_millis(5)).expect("a line");
+        while received.len() < expected && begun.elapsed() < Duration::from_secs(50) {
+            let mut bytes = [0; 64];
+            let count = line.read(&mut bytes).unwrap_or(0);
+            // what it asks before the port is opened is lost
+            if received.is_empty() && count == 0 {
+                line.write_all(&[0x11 | parity_of_codes]).expect("a line");
+            }
+            received.extend_from_slice(&bytes[..count]);
+            memory += count;
+            assert!(memory <= 4096, "the memory of the control overflows");
+            if is_paused {
+                behind += count;
+                worst = worst.max(behind);
+            }
+            // it works off its blocks while it is paused, and slowly otherwise
+            memory = memory.saturating_sub(if is_paused { 200 } else { count / 4 });
+            if !is_paused && memory > 3072 {
+                line.write_all(&[0x13 | parity_of_codes]).expect("a line");
+                (is_paused, behind, pauses) = (true, 0, pauses + 1);
+            } else if is_paused && memory < 1024 {
+                line.write_all(&[0x11 | parity_of_codes]).expect("a line");
+                is_paused = false;
+            }
+        }
+        (received, worst, pauses)
+    })
+}
+
+#[test]
+fn an_old_control_gets_every_character_and_is_obeyed_when_it_pauses() {
+    for (format, code, is_eia) in [("7e2", "iso", false), ("8n1", "eia", true)] {
+        let (line, bench) = (PtyLine::new(), Bench::new());
+        let blocks: String = (0..700).map(|n| format!("G1X{}.{:03}Y{}\n", n % 90, n % 1000, n % 7)).collect();
+        let text = format!("%\n{blocks}M30\n%\n");
+        let program = bench.file("part.ngc", &text);
+        let encoded: Vec<u8> = match is_eia {
+            false => text.bytes().map(with_parity).collect(),
+            true => text.bytes().map(eia).collect(),
+        };
+        let expected = [vec![0; 10], encoded, vec![0; 10]].concat();
+        let control = old_control(line.sender, expected.len(), 0);
+        let to = format!("serial:{}?baud=115200&format={format}&code={code}&leader=10", line.path);
+        let sent = bench.retrace(["send", &program.to_string_lossy(), "--to", &to]);
+        let (received, worst, pauses) = control.join().expect("it received");
+        assert_eq!(sent.code, Some(0), "{}\n{}", sent.out, sent.err);
+        assert!(received == expected, "{} of {} bytes", received.len(), expected.len());
+        assert!(pauses >= 2, "{pauses} pauses");
+        assert!(sent.out.contains(&format!("paused {pauses} times")), "{}", sent.out);
+        // what is on its way, and what this computer is late by
+        assert!(worst < 256, "{worst} bytes behind a pause");
+    }
+}
+
+/// A character in EIA RS-244, by the table of the requirement.
+fn eia(character: u8) -> u8 {
+    match character {
+        b'0' => 0x20,
+        b'1' => 0x01,
+        b'2' => 0x02,
+        b'3' => 0x13,
+        b'4' => 0x04,
+        b'5' => 0x15,
+        b'6' => 0x16,
+        b'7' => 0x07,
+        b'8' => 0x08,
+        b'9' => 0x19,
+        b'G' => 0x67,
+        b'M' => 0x54,
+        b'X' => 0x37,
+        b'Y' => 0x38,
+        b'.' => 0x6B,
+        b'%' => 0x0B,
+        b'\n' => 0x80,
+        other => panic!("{other:02X}h"),
+    }
+}
+
+#[test]
+fn a_control_that_does_not_ask_gets_nothing_and_what_it_cannot_read_is_not_sent() {
+    let (mut line, bench) = (PtyLine::new(), Bench::new());
+    let program = bench.file("part.ngc", "G0 X1\n#1 = [2 + 3]\nM30\n");
+    let program = program.to_string_lossy();
+    let to = |more: &str| format!("serial:{}?baud=9600&format=7e2{more}", line.path);
+    let mute = bench.retrace(["send", &program, "--to", &to("&start_timeout_s=0.3")]);
+    assert!(mute.code == Some(2) && mute.err.contains("error[E5042]"), "{}", mute.err);
+    let eia = bench.retrace(["send", &program, "--to", &to("&code=eia")]);
+    assert!(eia.code == Some(2) && eia.err.contains("error[E5041]") && eia.err.contains("line 2"), "{}", eia.err);
+    line.sender.set_timeout(Duration::from_millis(50)).expect("a line");
+    assert_eq!(line.sender.read(&mut [0; 16]).unwrap_or(0), 0, "nothing was sent");
+    let now = bench.retrace(["send", &program, "--now", "--to", &to("&leader=0")]);
+    assert_eq!(now.code, Some(0), "{}", now.err);
+    let mut bytes = vec![0; 40];
+    let count = line.sender.read(&mut bytes).expect("it was sent");
+    assert_eq!(bytes[..2], [with_parity(b'%'), with_parity(b'\n')], "{count} bytes");
+}

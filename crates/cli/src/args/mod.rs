@@ -17,6 +17,7 @@ mod probe;
 mod reading;
 mod resume;
 mod run;
+mod send;
 mod shared;
 mod shell_files;
 #[cfg(feature = "shop")]
@@ -39,6 +40,7 @@ pub use self::probe::Probe;
 pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
+pub use self::send::Send;
 pub use self::shared::{CardPort, MachineFile, OnOff, Planning, SimulatedSource, SimulatedWork};
 pub use self::shell_files::ShellFiles;
 #[cfg(all(feature = "shop", unix))]
@@ -173,6 +175,9 @@ pub enum Command {
     /// Measure how fast this computer and the line to a card respond, and whether the control period suits them.
     #[command(after_help = "Examples:\n  retrace doctor\n  retrace doctor /dev/ttyUSB0 --machine mill.toml")]
     Doctor(Doctor),
+    /// Send a program over an RS-232 line to an old control that waits for it.
+    #[command(after_help = "Example:\n  retrace send part.ngc --to 'serial:/dev/ttyUSB0?baud=4800&format=7e2'")]
+    Send(Send),
     /// Serve a simulated card on a pseudo-terminal, list serial ports, identify a card.
     #[command(
         subcommand,

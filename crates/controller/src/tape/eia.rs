@@ -68,8 +68,7 @@ pub(super) fn character(code: u8) -> Result<u8, TapeError> {
     TABLE.iter().find(|(_, of)| *of == code).map(|(character, _)| *character).ok_or(TapeError::UnknownEiaCode(code))
 }
 
-/// The code of a character.
-#[cfg(test)]
+/// The code of a character, of lower case; none where the code does not have it.
 pub(super) fn code(character: u8) -> Option<u8> {
     TABLE.iter().find(|(of, _)| *of == character).map(|(_, code)| *code)
 }

@@ -4,6 +4,9 @@
 //! on; behind a damaged character there is no output.
 
 mod eia;
+mod encode;
+
+pub use encode::{UnsendableCharacter, tape_of};
 
 use std::fmt;
 
