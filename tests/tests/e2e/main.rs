@@ -57,6 +57,7 @@ mod serial;
 mod sheet;
 mod sheet_sensing;
 mod shop;
+mod shop_page;
 mod shop_screen;
 #[cfg(unix)]
 mod start_points;
