@@ -158,3 +158,38 @@ fn a_page_starts_no_piece_that_the_terminal_would_refuse() {
     assert_eq!(state(&bench, &only), json!(["ready", 0, 0]));
     assert_contains(&done(&bench, &["shop", "audit"]), &["3 jobs, 0 faults"]);
 }
+
+#[test]
+fn a_piece_whose_process_is_killed_is_interrupted_and_the_demonstration_starts_none() {
+    let bench = Bench::new();
+    let long = submit(&bench, "long.ngc", LONG_PART, &["--quantity", "2"]);
+    let part = submit(&bench, "part.ngc", PART, &[]);
+    let server = serve(&bench, &[]);
+    let mut page = server.page(&server.token);
+    page.take_control();
+    listed(&server, &long, "ready");
+    assert_eq!(page.order(&format!("start job {long}"))["t"], "done");
+    page.wait_until("motion", |page| page.machine_mm(0) > 1.0);
+    let killed = Command::new("kill").args(["-KILL", &server.process().to_string()]).status();
+    assert!(killed.is_ok_and(|status| status.success()));
+    // What another process sees, and what the next screen lists.
+    let begun = Instant::now();
+    while state(&bench, &long) != json!(["interrupted", 0, 1]) {
+        assert!(begun.elapsed() < Duration::from_secs(20), "{}", state(&bench, &long));
+    }
+    let server = serve(&bench, &[]);
+    assert_eq!(listed(&server, &long, "interrupted")["is_ready"], false);
+    let mut page = server.page(&server.token);
+    page.take_control();
+    assert_eq!(page.order(&format!("start job {long}"))["t"], "done");
+    not_started(&mut page, "E5012");
+    let demo = serve(&bench, &["--demo"]);
+    let mut page = demo.page(&demo.token);
+    page.take_control();
+    page.wait_for_word("READY");
+    assert_eq!(demo.get("/api/v1/shop/jobs").json()["jobs"], json!([]));
+    assert_eq!(page.order(&format!("start job {part}"))["t"], "done");
+    not_started(&mut page, "E5030");
+    assert_eq!(state(&bench, &part), json!(["ready", 0, 0]));
+    assert_contains(&done(&bench, &["shop", "audit"]), &["2 jobs, 0 faults"]);
+}

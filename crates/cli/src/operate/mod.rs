@@ -147,7 +147,7 @@ pub fn operate<const A: usize>(
     let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(preview_thread::facts(machine, &program)))));
     let _reported = StateSocket::serve(&model);
     #[cfg(feature = "shop")]
-    let _jobs = shop_job_watch::ShopJobWatch::begin(args, &at.0, &model);
+    let _jobs = (!args.page.demo).then(|| shop_job_watch::ShopJobWatch::begin(args, &at.0, &model));
     preview_thread::show_program::<A>(&model, machine.clone(), &program);
     if let Some(resumed) = &resumed {
         preview_thread::show_resuming(&model, resumed.origin);

@@ -37,7 +37,9 @@ impl<const A: usize> MachineThread<'_, '_, A> {
 
     /// Checks that a run at this screen can count as a piece.
     fn check_records_pieces(&self) -> Result<(), NumberedError> {
-        let (what, remedy) = if self.machine.inhibits_outputs {
+        let (what, remedy) = if self.args.page.demo {
+            ("the demonstration makes no piece of a job of the shop", "start it at the screen of its machine")
+        } else if self.machine.inhibits_outputs {
             ("a dry run makes no piece of a job of the shop", "switch the dry run off (d)")
         } else if self.args.no_journal {
             ("a job of the shop needs its journal, and this screen writes none", "start it without --no-journal")
