@@ -68,6 +68,8 @@ mod shell_files;
 mod shop;
 #[cfg(feature = "shop")]
 mod shop_job_start;
+#[cfg(feature = "shop")]
+mod shop_piece;
 mod sim_wiring;
 mod simulated_work;
 mod size;

@@ -51,6 +51,7 @@ const PAGE_ACTIONS = new Set([
   'messages',
   'help',
   'tools',
+  'shop-jobs',
   'contours',
   'open-program',
   'mdi',

@@ -29,6 +29,7 @@ import { ProbePanel } from './probe_panel.js';
 import { ProfilePanel } from './profile_panel.js';
 import { Scrubber } from './scrubber.js';
 import { SettingsPanel } from './settings_panel.js';
+import { ShopPanel } from './shop_panel.js';
 import { StateLine } from './state_line.js';
 import { Tabs } from './tabs.js';
 import { ToolPanel } from './tool_panel.js';
@@ -93,6 +94,7 @@ export const heightChart = new HeightChart(place('height-chart'), store);
 stageTabs.add('path', 'Path', pathPanel);
 stageTabs.add('files', 'Files', new FilePanel(store, connection, orders));
 stageTabs.add('jobs', 'Jobs', new JobPanel(store, connection, orders));
+stageTabs.add('shop', 'Shop', new ShopPanel(store, connection, orders));
 stageTabs.add('offsets', 'Offsets', new OffsetPanel(store, connection, orders));
 stageTabs.add('tools', 'Tools', new ToolPanel(store, connection, orders, actions));
 stageTabs.add('profile', 'Profile', new ProfilePanel(store, connection, notices));
@@ -123,6 +125,7 @@ actions.register({
   help: openTab(stageTabs, 'help'),
   tools: openTab(stageTabs, 'tools'),
   'open-program': openTab(stageTabs, 'files'),
+  'shop-jobs': openTab(stageTabs, 'shop'),
   contours: openTab(sideTabs, 'contours'),
   jog: openTab(sideTabs, 'jog'),
   mdi: () => {

@@ -36,6 +36,7 @@ mod schemas;
 mod server;
 mod server_state;
 mod session;
+mod shop_job_list;
 mod snapshot;
 mod socket;
 mod table_requests;

@@ -263,7 +263,9 @@ impl OperatorDesk {
             {
                 refuse("a program is running", "stop it first, or wait until it has ended")
             }
-            UiCommand::Load(_) | UiCommand::SetUp | UiCommand::ResumeJob(_) if is_job && !model.is_at_program_end() => {
+            UiCommand::Load(_) | UiCommand::SetUp | UiCommand::ResumeJob(_) | UiCommand::StartShopJob(_)
+                if is_job && !model.is_at_program_end() =>
+            {
                 refuse("a program is running", "stop it first, or wait until it has ended")
             }
             UiCommand::Answer(_) if model.question.is_none() => {

@@ -9,6 +9,7 @@ use crate::answers::{ControlView, DoneView, RefusedView, RejectedView, WhereView
 use crate::hello::HelloView;
 use crate::messages::PageMessage;
 use crate::path_levels::PathView;
+use crate::shop_job_list::ShopJobList;
 use crate::snapshot::{LiveView, LogView, StateView};
 use crate::table_requests::{OffsetOrder, OffsetTable, ToolOrder, ToolRows};
 use crate::watched_folder::OfferView;
@@ -31,6 +32,7 @@ fn the_schemas_in_the_docs_are_those_of_the_types() {
         ("offsets", schemars::schema_for!(OffsetTable)),
         ("offsets-change", schemars::schema_for!(OffsetOrder)),
         ("tools", schemars::schema_for!(ToolRows)),
+        ("shop-jobs", schemars::schema_for!(ShopJobList)),
         ("tools-change", schemars::schema_for!(ToolOrder)),
     ];
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/api");

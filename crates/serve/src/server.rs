@@ -28,6 +28,7 @@ use crate::operator_desk::OperatorDesk;
 use crate::requests::{self, require};
 use crate::server_state::Server;
 use crate::session::Rights;
+use crate::shop_job_list;
 use crate::socket;
 use crate::table_requests;
 use crate::tls::TlsFiles;
@@ -176,6 +177,7 @@ fn router(guard: Guard, server: Arc<Server>) -> Router {
         .route("/api/v1/offsets", get(table_requests::get_offsets))
         .route("/api/v1/tools", get(table_requests::get_tools))
         .route("/api/v1/jobs", get(requests::get_jobs))
+        .route("/api/v1/shop/jobs", get(shop_job_list::get_shop_jobs))
         .route("/api/v1/jobs/{id}", get(requests::get_job))
         .route("/api/v1/profile", get(requests::get_profile))
         .route("/api/v1/session", delete(requests::end_session))

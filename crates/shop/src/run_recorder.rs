@@ -1,37 +1,46 @@
 //! Records in the ledger that a run of a job is started, before anything of it moves.
 //!
-//! Invariant: the ledger is locked from the look at the state of the job to the entry, so that a piece is started once.
+//! Invariant: the files of the job are those that were submitted. The ledger is locked from the look at the state of
+//! the job to the entry, so that a piece is started once.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use retrace_config::NumberedError;
 use retrace_journal::{JobStore, Timestamp};
 
+use crate::inbox::Inbox;
 use crate::job_id::ShopJobId;
 use crate::job_state::ShopJobState;
-use crate::ledger::{LedgerJob, LedgerRun, OpenLedger};
+use crate::ledger::{Ledger, LedgerJob, LedgerRun, OpenLedger};
 use crate::ledger_entry::LedgerEntry;
+use crate::machine_folder::MachineFolder;
 use crate::run_state::{RunState, run_state};
 
 /// Records the runs of one job.
 #[derive(Clone, Debug)]
 pub struct RunRecorder {
-    ledger: PathBuf,
+    machine: MachineFolder,
     id: ShopJobId,
     program: String,
 }
 
 impl RunRecorder {
-    /// Recorder of the runs of this program for a job of a ledger.
+    /// Recorder of the runs of this program for a job of a machine.
     #[must_use]
-    pub fn new(ledger: PathBuf, id: ShopJobId, program: String) -> Self {
-        Self { ledger, id, program }
+    pub fn new(machine: MachineFolder, id: ShopJobId, program: String) -> Self {
+        Self { machine, id, program }
     }
 
     /// Path of the ledger.
     #[must_use]
-    pub fn ledger(&self) -> &Path {
-        &self.ledger
+    pub fn ledger(&self) -> PathBuf {
+        self.machine.ledger()
+    }
+
+    /// Whether runs of this program are those of the job.
+    #[must_use]
+    pub fn is_of(&self, program: &str) -> bool {
+        program == self.program
     }
 
     /// Error for a job that is not in the ledger yet.
@@ -41,15 +50,22 @@ impl RunRecorder {
     }
 
     /// Records that a run is started, whose journal job has this name and is locked by this process. A run of another
-    /// program, which was opened at the screen, is none of the job.
+    /// program, which was opened at the screen, is none of the job. The program was read before: what is run was
+    /// verified.
     ///
     /// # Errors
-    /// `E5012`, `E5013` where the job cannot be started any more; `E5009`, `E5010` where the ledger cannot be written.
+    /// `E5012`, `E5013` where the job cannot be started any more; `E5006` where a file of it was changed; `E5009`,
+    /// `E5010` where the ledger cannot be written.
     pub fn record_started(&self, program: &str, store: &JobStore, run: &str) -> Result<(), NumberedError> {
-        if program != self.program {
+        if !self.is_of(program) {
             return Ok(());
         }
-        let mut open = OpenLedger::open(&self.ledger)?;
+        let path = self.ledger();
+        if let Some(job) = Ledger::read(&path)?.job(self.id) {
+            job.require_ready()?;
+            Inbox::of(&self.machine).verify(job)?;
+        }
+        let mut open = OpenLedger::open(&path)?;
         open.record_ended_runs()?;
         open.ledger().job(self.id).ok_or_else(|| Self::not_taken(self.id))?.require_ready()?;
         let journal = std::path::absolute(store.folder()).unwrap_or_else(|_| store.folder().to_owned());

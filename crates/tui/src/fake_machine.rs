@@ -165,6 +165,7 @@ impl FakeMachine {
             | UiCommand::ConsumablesChanged
             | UiCommand::SkipContour { .. }
             | UiCommand::StartLine(_)
+            | UiCommand::StartShopJob(_)
             | UiCommand::ResumeJob(_)
             | UiCommand::Quit => {}
         }

@@ -3,17 +3,20 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
+mod list_keys;
+
 use retrace_controller::{CutStart, FrameShape, HeightCommand, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
-use crate::contour_page::{self, ContourChoice, ContourMark};
+use crate::contour_page::ContourMark;
 use crate::files;
 use crate::keys::{self, Key, KeyAction, Situation};
 use crate::model::{ScreenModel, ScreenStage};
 use crate::pending_question::PendingQuestion;
 use crate::prompt_answer::answer;
+use crate::shop_job_page::{self, ShopJobMark};
 use crate::ui_command::UiCommand;
 
 /// Dialog over the screen.
@@ -28,6 +31,8 @@ pub(crate) enum OpenDialog {
     Tools,
     /// The contours, with the number of the one that was marked.
     Contours(ContourMark),
+    /// The jobs of the shop.
+    ShopJobs(ShopJobMark),
     /// All messages, with the number of lines scrolled back.
     Messages(usize),
     /// Prompt: question, text typed so far, and the error in it.
@@ -217,6 +222,7 @@ impl KeyState {
                 | PendingQuestion::StartContour(_),
                 ..,
             ) if is_job => &OpenDialog::Nothing,
+            OpenDialog::ShopJobs(mark) if !shop_job_page::applies(model, mark) => &OpenDialog::Nothing,
             open => open,
         }
     }
@@ -372,6 +378,7 @@ impl KeyState {
             KeyAction::Help => OpenDialog::Help(0),
             KeyAction::Tools => OpenDialog::Tools,
             KeyAction::Contours => OpenDialog::Contours(ContourMark::default()),
+            KeyAction::ShopJobs => OpenDialog::ShopJobs(ShopJobMark::default()),
             KeyAction::Messages => OpenDialog::Messages(0),
             _ => OpenDialog::Nothing,
         };
@@ -466,35 +473,6 @@ impl KeyState {
         })
     }
 
-    /// Handles a key while the contours are shown.
-    fn key_in_contours(&mut self, key: Key, mark: ContourMark, ms: u64, model: &ScreenModel) -> Option<UiCommand> {
-        if let Some(mark) = contour_page::moved(model, mark, key) {
-            self.open = OpenDialog::Contours(mark);
-            return None;
-        }
-        let at = mark.chosen;
-        if matches!(key, Key::Char('n' | 'N')) {
-            // The list stays open: several are skipped at a time.
-            match contour_page::skip(model, at) {
-                ContourChoice::Send(command) => return Some(command),
-                ContourChoice::Refuse(why) => self.show_notice(why, ms),
-                ContourChoice::Start(_) => {}
-            }
-            return None;
-        }
-        self.open = OpenDialog::Nothing;
-        if key == Key::Enter {
-            match contour_page::choice(model, at) {
-                ContourChoice::Send(command) => return Some(command),
-                ContourChoice::Start(number) => {
-                    self.open = OpenDialog::Prompt(PendingQuestion::StartContour(number), String::new(), None);
-                }
-                ContourChoice::Refuse(why) => self.show_notice(why, ms),
-            }
-        }
-        None
-    }
-
     /// Handles a key while a dialog is open.
     fn key_in_box(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // At the end of the program nothing moves, and file names may have blanks.
@@ -510,6 +488,9 @@ impl KeyState {
         }
         if let OpenDialog::Contours(mark) = self.open {
             return self.key_in_contours(key, mark, now_ms, model);
+        }
+        if let OpenDialog::ShopJobs(mark) = self.open.clone() {
+            return self.key_in_shop_jobs(key, &mark, now_ms, model);
         }
         let OpenDialog::Prompt(ask, text, wrong) = &mut self.open else {
             match (&mut self.open, key) {

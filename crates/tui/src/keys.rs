@@ -167,6 +167,8 @@ pub(crate) enum KeyAction {
     DryRun,
     /// Opens another program.
     OpenProgram,
+    /// Shows the jobs of the shop.
+    ShopJobs,
     /// Shows the tool table.
     Tools,
     /// Shows the contours.
@@ -398,6 +400,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
     row(&[Key::Char('C')], "C", "contours", "the contours: what is cut of each; Enter goes there", EVER,
         KeyAction::Contours),
+    row(&[Key::Char('Q')], "Q", "jobs", "the jobs of the shop in their order; c starts a piece", EVER,
+        KeyAction::ShopJobs),
     row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, KeyAction::Tools),
     row(&[Key::Char('o')], "o", "output", "switch an output: number or name, then + or -", SETUP | JOB,
         KeyAction::Output),

@@ -50,6 +50,8 @@ mod program_outputs;
 mod prompt_answer;
 mod screen;
 mod sheet_text;
+mod shop_job_page;
+mod shop_job_table;
 mod status_hint;
 mod status_line;
 mod trail;
@@ -75,6 +77,7 @@ pub use screen::{Screen, restore_terminal};
 pub use sheet_text::{
     of as sheet_text, placement as sheet_placement, travel_left as sheet_travel_left, travel_text as sheet_travel_text,
 };
+pub use shop_job_table::{ShopJobRow, ShopJobTable};
 pub use trail::{Trail, TrailPoint};
 pub use ui_command::UiCommand;
 pub use work_tables::{TableChange, WORK_SYSTEMS, WorkSystem, WorkTables};

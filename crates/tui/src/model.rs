@@ -13,6 +13,7 @@ use retrace_link::{AnalogInputs, HeightState, SpindleStatus, channel};
 
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
+use crate::shop_job_table::ShopJobTable;
 use crate::trail::Trail;
 use crate::work_tables::WorkTables;
 
@@ -207,6 +208,8 @@ pub struct ScreenModel {
     pub manual_result: String,
     /// Wear of the consumables of each cutter, a line for each.
     pub consumables: Vec<String>,
+    /// Jobs of the shop; `None` where the command has none.
+    pub shop_jobs: Option<Arc<ShopJobTable>>,
     /// Points on the edge of the sheet, in mm of the machine's X and Y: none, one, or two that are an edge.
     pub sheet_points: Vec<[f64; 2]>,
     /// Whether the axes follow the spindle while it is turned by hand.
@@ -339,6 +342,7 @@ impl ScreenModel {
             manual_task: "",
             manual_result: String::new(),
             consumables: Vec::new(),
+            shop_jobs: None,
             sheet_points: Vec::new(),
             follows_spindle: false,
             override_rate: 1.0,

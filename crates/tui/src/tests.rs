@@ -17,6 +17,7 @@ use retrace_journal::HoldReason;
 use retrace_link::{CutterOffCause, GearState};
 
 mod arbitrary;
+mod shop_jobs;
 
 use crate::fake_machine::{self, FakeMachine, FakePath};
 use crate::key_state::{KeyState, OpenDialog};

@@ -23,6 +23,8 @@ pub enum UiCommand {
     StartContour(u32),
     /// Start the program at this line, with the modal state in force there.
     StartLine(u32),
+    /// Start the next piece of this job of the shop, which the operator has confirmed.
+    StartShopJob(String),
     /// Skip a contour of the next job, or cut it after all.
     SkipContour {
         /// Its number.

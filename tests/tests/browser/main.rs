@@ -13,6 +13,7 @@ mod program_view;
 mod retrace_by_bar;
 mod setting_up;
 mod sheet;
+mod shop;
 mod torch;
 
 use retrace_tests::browser::Browser;

@@ -58,6 +58,8 @@ mod sheet;
 mod sheet_sensing;
 mod shop;
 mod shop_broker;
+mod shop_page;
+mod shop_screen;
 #[cfg(unix)]
 mod start_points;
 #[cfg(unix)]

@@ -349,7 +349,7 @@ fn what_cannot_be_submitted_is_refused_with_its_number() {
 }
 
 #[test]
-fn a_page_starts_no_job_of_the_shop_and_a_job_needs_its_journal() {
+fn serve_begins_with_no_job_of_the_shop_and_a_job_needs_its_journal() {
     let bench = bench();
     let id = submit(&bench, &["part.ngc"]);
     done(&bench, &["shop", "agent", "--once"]);

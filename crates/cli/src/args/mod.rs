@@ -99,7 +99,7 @@ pub enum Command {
     }))]
     #[cfg_attr(
         feature = "shop",
-        command(mut_arg("job", |job| job.hide(true)), mut_arg("shop_file", |file| file.hide(true)))
+        command(mut_arg("job", |job| job.hide(true)))
     )]
     Serve(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.

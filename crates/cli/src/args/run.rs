@@ -70,6 +70,17 @@ pub struct Run {
 }
 
 impl Run {
+    /// Whether a run of this program is a piece of a job of the shop.
+    pub fn is_piece(&self, program: &str) -> bool {
+        #[cfg(feature = "shop")]
+        return self.shop.recorder.as_ref().is_some_and(|recorder| recorder.is_of(program));
+        #[cfg(not(feature = "shop"))]
+        {
+            let _ = program;
+            false
+        }
+    }
+
     /// Where in the program the job begins, if not at its first block.
     pub fn start_point(&self) -> Option<StartPoint> {
         self.start_line.map(StartPoint::Line).or(self.contour.map(StartPoint::Contour))

@@ -223,8 +223,9 @@ pub struct ShopJobOptions {
         "program", "no_journal", "dry_run", "start_line", "contour", "save_materials", "serve",
     ])]
     pub job: Option<String>,
-    /// Shop file of --job; by default `shop.toml` in the user's state folder, if there is one.
-    #[arg(long, value_name = "FILE.toml", requires = "job")]
+    /// Shop file of --job and of the jobs at the screen; by default `shop.toml` in the user's state folder, if there is
+    /// one.
+    #[arg(long, value_name = "FILE.toml")]
     pub shop_file: Option<PathBuf>,
     /// Recorder of the runs of the job that was found.
     #[arg(skip)]

@@ -31,6 +31,21 @@ struct Route {
     done: u64,
     /// Number of the last start that a hold has cancelled.
     cancelled: u64,
+    /// Number of the last start of a program that was sent.
+    program: u64,
+}
+
+impl Route {
+    /// Whether a program is about to run or runs, behind which this start of another one must not wait: nobody would
+    /// expect it when the first one ends. At the end of a program the next one may be started once.
+    fn has_program(&self, command: &UiCommand, is_at_end: bool) -> bool {
+        if is_at_end && self.sent == self.received {
+            return false;
+        }
+        let is_pending = self.program > self.done.max(self.cancelled);
+        // A piece of the shop waits behind nothing that moves.
+        is_pending || matches!(command, UiCommand::StartShopJob(_)) && self.job.is_some()
+    }
 }
 
 /// Number of a start that no hold cancels: it is no order of the operator.
@@ -91,7 +106,11 @@ impl CommandRouter {
             }
             // The machine thread receives every command until it ends.
             command => {
-                if lock_model(&self.model).is_at_program_end() {
+                let is_at_end = lock_model(&self.model).is_at_program_end();
+                if is_program_start(&command) && self.route().has_program(&command, is_at_end) {
+                    return false;
+                }
+                if is_at_end {
                     // The next command releases a job whose program has ended.
                     self.send_to_job(OperatorCommand::Stop);
                 }
@@ -105,7 +124,14 @@ impl CommandRouter {
                 {
                     return false;
                 }
+                // Another screen may have sent a start meanwhile.
+                if is_program_start(&command) && route.has_program(&command, is_at_end) {
+                    return false;
+                }
                 route.sent += u64::from(is_start(&command));
+                if is_program_start(&command) {
+                    route.program = route.sent;
+                }
                 drop(self.commands.send(command));
             }
         }
@@ -150,11 +176,24 @@ pub(super) const fn is_start(command: &UiCommand) -> bool {
         UiCommand::Start
             | UiCommand::StartContour(_)
             | UiCommand::StartLine(_)
+            | UiCommand::StartShopJob(_)
             | UiCommand::ResumeJob(_)
             | UiCommand::Task(_)
             | UiCommand::Frame(_)
             | UiCommand::AlignSheet
             | UiCommand::SetTables(_)
+    )
+}
+
+/// Whether a command starts a program.
+const fn is_program_start(command: &UiCommand) -> bool {
+    matches!(
+        command,
+        UiCommand::Start
+            | UiCommand::StartContour(_)
+            | UiCommand::StartLine(_)
+            | UiCommand::StartShopJob(_)
+            | UiCommand::ResumeJob(_)
     )
 }
 
@@ -193,5 +232,28 @@ mod tests {
         let mut receiver = router.begin_job(NOT_CANCELLABLE).expect("never cancelled");
         router.send_to_job(OperatorCommand::Hold);
         assert_eq!(receiver.next_command(), Some(OperatorCommand::Hold));
+    }
+
+    #[test]
+    fn no_start_of_a_program_waits_behind_another_one() {
+        let (router, commands) = router();
+        let piece = || UiCommand::StartShopJob("a job".into());
+        assert!(router.route_command(piece()));
+        for start in [piece(), UiCommand::Start, UiCommand::StartLine(3)] {
+            assert!(!router.route_command(start), "the first one is on its way");
+        }
+        let started = router.begin_job(router.receive_start());
+        assert!(started.is_some() && !router.route_command(piece()) && !router.route_command(UiCommand::Start));
+        {
+            let mut model = lock_model(&router.model);
+            (model.stage, model.hold_reason) = (retrace_tui::ScreenStage::Job, retrace_journal::HoldReason::Ended);
+        }
+        assert!(router.route_command(piece()), "the first one has come to its end");
+        assert!(!router.route_command(piece()) && !router.route_command(UiCommand::Start), "one only");
+        router.end_job();
+        assert_eq!(commands.try_iter().filter(is_start).count(), 2);
+        // A hold cancels what is on its way; the next start is one of its own.
+        assert!(router.route_command(UiCommand::Job(OperatorCommand::Hold)));
+        assert!(router.route_command(UiCommand::Start));
     }
 }

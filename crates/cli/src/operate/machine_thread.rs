@@ -3,7 +3,13 @@
 //! Invariant: control periods continue while no job runs, so that the card hears from its host. Before each job a new
 //! path starts at the machine's position.
 
+mod refusals;
 mod setting_up;
+#[cfg(feature = "shop")]
+mod shop_piece;
+#[cfg(not(feature = "shop"))]
+#[path = "machine_thread/shop_piece_elsewhere.rs"]
+mod shop_piece;
 
 use retrace_core::RecordIndex;
 use std::path::PathBuf;
@@ -12,7 +18,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use retrace_config::{MachineConfig, NumberedError};
+use retrace_config::MachineConfig;
 use retrace_controller::{
     AnyCard, CardError, CommandSources, ContourStates, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError,
     ModalContext, Observer, Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry,
@@ -20,10 +26,11 @@ use retrace_controller::{
 };
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 use retrace_tui::{
-    AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, TableChange, UiCommand,
-    diagnostic_lines, lock_model,
+    ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, TableChange, UiCommand, diagnostic_lines,
+    lock_model,
 };
 
+use self::shop_piece::begins_inside_piece;
 use super::command_router::{CommandRouter, NOT_CANCELLABLE, is_start};
 use super::manual_observer::ManualObserver;
 use super::{ResumingJob, preview_thread, table_edits};
@@ -158,6 +165,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::Start) => self.run_job(self.args.clone()),
                 Ok(UiCommand::StartContour(number)) => self.run_from_contour(number),
                 Ok(UiCommand::StartLine(line)) => self.run_from_line(line),
+                Ok(UiCommand::StartShopJob(id)) => self.start_shop_job(&id),
                 Ok(UiCommand::SkipContour { number, on }) => self.skip_contour(number, on),
                 Ok(UiCommand::ConsumablesChanged) => self.renew_consumables(),
                 Ok(UiCommand::SetUp) => self.set_up(),
@@ -166,7 +174,9 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::SheetPoint) => self.take_sheet_point(),
                 Ok(UiCommand::AlignSheet) => self.align_sheet(),
                 Ok(UiCommand::ForgetSheet) => self.forget_sheet(),
-                Ok(UiCommand::Load(path)) => self.load_program(path),
+                Ok(UiCommand::Load(path)) => {
+                    self.load_program(path);
+                }
                 Ok(UiCommand::CutterOff) => self.cutters_off(),
                 Ok(UiCommand::OptionalStop(on)) => {
                     self.optional_stop = on;
@@ -230,18 +240,6 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         let time_s = status.period as f64 * self.machine.period_s();
         let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind };
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Event(event));
-    }
-
-    /// Reports that an order was not carried out: among the messages, and where it was given.
-    fn reject(&mut self, NumberedError { number, cause, remedy }: NumberedError) {
-        self.add_message(format!("{number}: {cause} · {remedy}"));
-        lock_model(&self.router.model).reject(Some(number), cause, remedy);
-    }
-
-    /// The same for an order without a number.
-    fn reject_text(&mut self, cause: &str) {
-        self.add_message(cause);
-        lock_model(&self.router.model).reject(None, cause, "");
     }
 
     fn add_message(&mut self, text: impl Into<String>) {
@@ -378,10 +376,10 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         preview_thread::check_again::<A>(&self.router.model, machine, &self.program, setup);
     }
 
-    /// Loads another program. Where its file cannot be read, the previous one stays loaded.
-    fn load_program(&mut self, path: PathBuf) {
+    /// Loads another program, and returns whether it is loaded. Where its file cannot be read, the previous one stays.
+    fn load_program(&mut self, path: PathBuf) -> bool {
         if lock_model(&self.router.model).stage == ScreenStage::Job {
-            return;
+            return false;
         }
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let reading = Reading { program: path, ..self.args.reading.clone() };
@@ -399,8 +397,12 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 lock_model(&self.router.model).contours = ContourStates::default();
                 preview_thread::show_program::<A>(&self.router.model, machine, &self.program);
                 self.show_tables();
+                true
             }
-            Err(refusal) => self.reject(refusal),
+            Err(refusal) => {
+                self.reject(refusal);
+                false
+            }
         }
     }
 
@@ -441,6 +443,10 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         if let Err(refusal) = self.homing.check(&self.machine) {
             return self.reject(refusal);
         }
+        let name = self.program.name().to_owned();
+        if args.is_piece(&name) && args.start_point().is_some() {
+            return self.refuse_start(begins_inside_piece());
+        }
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let program = match self.open_checked_program(&machine) {
             Ok(program) => program,
@@ -465,6 +471,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         let done = self.begin_journal(&job).and_then(|journal| job.run(self.card, journal, Some(at_screen)));
         self.router.end_job();
         self.exit.ran = true;
+        self.record_ended_pieces();
         match done {
             Ok(code) => {
                 self.apply_result(code, result);
@@ -474,7 +481,10 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 let why = failure.to_string();
                 (self.exit.code, self.exit.report) = (2, None);
                 lock_model(&self.router.model).end(why.lines().next().unwrap_or_default());
-                self.show_refusal(&why);
+                match failure {
+                    CommandFailure::Input(refusal) if args.is_piece(&name) => self.refuse_start(refusal),
+                    _ => self.show_refusal(&why),
+                }
             }
         }
         // The session reported the same alarm already.
@@ -546,16 +556,6 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             preview_thread::update_facts::<A>(&model, machine, &program);
             Ok(program)
         })
-    }
-
-    /// Shows why a program is refused, one line per finding.
-    fn show_refusal(&mut self, why: &str) {
-        let findings = diagnostic_lines(why);
-        let cause = findings.first().cloned().unwrap_or_default();
-        findings.into_iter().for_each(|finding| self.add_message(finding));
-        let remedy = "g shows all messages; correct the program or its work zero, then start it again (c)".to_owned();
-        let mut model = lock_model(&self.router.model);
-        model.alarm = Some(AlarmShown { number: "program refused".into(), cause, remedy, is_refusal: true });
     }
 }
 

@@ -13,6 +13,8 @@ mod machine_thread;
 mod manual_observer;
 mod page;
 mod preview_thread;
+#[cfg(feature = "shop")]
+mod shop_job_watch;
 mod signals;
 mod table_edits;
 
@@ -144,6 +146,8 @@ pub fn operate<const A: usize>(
     let program = Arc::new(program);
     let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(preview_thread::facts(machine, &program)))));
     let _reported = StateSocket::serve(&model);
+    #[cfg(feature = "shop")]
+    let _jobs = (!args.page.demo).then(|| shop_job_watch::ShopJobWatch::begin(args, &at.0, &model));
     preview_thread::show_program::<A>(&model, machine.clone(), &program);
     if let Some(resumed) = &resumed {
         preview_thread::show_resuming(&model, resumed.origin);

@@ -21,11 +21,13 @@ const LISTED_TEXTS: usize = 5;
 const TEXT_AGE_MS: u64 = 86_400_000;
 
 /// A job with its state.
-struct JobRow<'a> {
-    job: &'a ShopJob,
+pub struct JobRow<'a> {
+    /// The job.
+    pub job: &'a ShopJob,
     /// The job of the ledger; `None` where it waits to be taken.
-    listed: Option<&'a LedgerJob>,
-    state: ShopJobState,
+    pub listed: Option<&'a LedgerJob>,
+    /// State of the job.
+    pub state: ShopJobState,
 }
 
 impl<'a> JobRow<'a> {
@@ -36,15 +38,18 @@ impl<'a> JobRow<'a> {
         }
     }
 
-    fn program(&self) -> &str {
+    /// Name of the program; empty where it waits to be taken.
+    pub fn program(&self) -> &str {
         self.listed.map_or("", |job| job.program.as_str())
     }
 
-    fn good_pieces(&self) -> u32 {
+    /// Number of good pieces.
+    pub fn good_pieces(&self) -> u32 {
         self.listed.map_or(0, LedgerJob::good_pieces_now)
     }
 
-    fn check(&self) -> Option<&CheckSummary> {
+    /// Result of the check, once it was checked.
+    pub fn check(&self) -> Option<&CheckSummary> {
         self.listed.and_then(|job| job.check.as_ref())
     }
 
@@ -95,13 +100,8 @@ fn texts_json(texts: &[(&HandledMessage, &str)]) -> Vec<Value> {
     texts.iter().map(|(message, text)| json!({"when": message.when, "from": message.from, "text": text})).collect()
 }
 
-/// Lists the jobs, below the last texts for the operator.
-///
-/// # Errors
-/// `E5009`, `E5010` where the texts cannot be read.
-pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), NumberedError> {
-    let messages = read_messages(&jobs.machine.messages())?;
-    let texts = last_texts(&messages);
+/// Rows of the jobs in their order, and the number of those that are left out: of the finished ones, all but the last.
+pub fn rows(jobs: &ShopJobs, is_all: bool) -> (Vec<JobRow<'_>>, usize) {
     let mut rows: Vec<JobRow<'_>> = jobs.ledger.jobs().iter().map(|job| JobRow::of(FoundJob::Listed(job))).collect();
     rows.extend(jobs.queued.iter().map(|job| JobRow::of(FoundJob::Queued(job))));
     rows.sort_by_key(|row| row.job.id);
@@ -113,6 +113,17 @@ pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), Numbered
         hidden -= usize::from(is_hidden);
         !is_hidden
     });
+    (rows, hidden_count)
+}
+
+/// Lists the jobs, below the last texts for the operator.
+///
+/// # Errors
+/// `E5009`, `E5010` where the texts cannot be read.
+pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), NumberedError> {
+    let messages = read_messages(&jobs.machine.messages())?;
+    let texts = last_texts(&messages);
+    let (rows, hidden_count) = rows(jobs, is_all);
     if is_json {
         let rows: Vec<Value> = rows.iter().enumerate().map(|(number, row)| row.json(number + 1)).collect();
         crate::out::line(json!({"machine": jobs.machine.name(), "jobs": rows, "texts": texts_json(&texts)}));
@@ -177,7 +188,8 @@ pub fn show(jobs: &ShopJobs, id: &str, is_json: bool) -> Result<(), NumberedErro
     Ok(())
 }
 
-fn details(jobs: &ShopJobs, row: &JobRow<'_>) -> Vec<(&'static str, String)> {
+/// Details of a job as names and texts; a row without a name continues the one before.
+pub fn details(jobs: &ShopJobs, row: &JobRow<'_>) -> Vec<(&'static str, String)> {
     let job = row.job;
     let mut rows = vec![
         ("for", job.target.to_string()),

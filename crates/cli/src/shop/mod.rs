@@ -24,6 +24,7 @@ use retrace_shop::ShopFile;
 
 use crate::args::{self, ShopAction};
 
+pub use self::job_list::{JobRow, check_text, details, rows};
 pub use self::shop_jobs::ShopJobs;
 
 /// Runs the command.

@@ -31,19 +31,31 @@ impl ShopJobs {
     /// # Errors
     /// `E5009` where the ledger is damaged, `E5010` where it or the queue cannot be read.
     pub fn read(file: &ShopFile) -> Result<Self, NumberedError> {
+        let (jobs, unreadable) = Self::read_silently(file)?;
+        for refusal in unreadable {
+            eprintln!("{}", crate::escape::lines(&refusal.to_string()));
+        }
+        Ok(jobs)
+    }
+
+    /// Reads the ledger and the queue. Returns the errors of jobs of the queue that cannot be read, too.
+    ///
+    /// # Errors
+    /// As [`ShopJobs::read`].
+    pub fn read_silently(file: &ShopFile) -> Result<(Self, Vec<NumberedError>), NumberedError> {
         let machine = file.machine_folder();
         let queue = JobQueue::of(&machine);
         // The queue first: what is taken meanwhile is in the ledger then.
-        let mut queued = Vec::new();
+        let (mut queued, mut unreadable) = (Vec::new(), Vec::new());
         for id in queue.ids()? {
             match queue.read(id) {
                 Ok(found) => queued.extend(found.map(|found| found.job)),
-                Err(refusal) => eprintln!("{}", crate::escape::lines(&refusal.to_string())),
+                Err(refusal) => unreadable.push(refusal),
             }
         }
         let ledger = Ledger::read(&machine.ledger())?;
         queued.retain(|job| ledger.job(job.id).is_none());
-        Ok(Self { machine, ledger, queued })
+        Ok((Self { machine, ledger, queued }, unreadable))
     }
 
     /// Finds the job of this name, or the only one whose name begins so.

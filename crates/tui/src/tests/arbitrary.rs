@@ -20,8 +20,10 @@ use crate::model::{AlarmShown, Pause, ScreenModel, ScreenStage};
 use crate::model_observer::lock_model;
 use crate::pending_question::PendingQuestion;
 use crate::program_facts::{AxisFacts, Planned, ProgramFacts, Text, ToolFacts};
+use crate::shop_job_page::tests::{row, table};
+use crate::shop_job_page::{ShopJobMark, ShopJobView};
 use crate::trail::TrailPoint;
-use crate::{UiCommand, layout, view};
+use crate::{ShopJobRow, UiCommand, layout, view};
 
 fn place() -> impl Strategy<Value = Place> {
     (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record: RecordIndex::new(record), fraction })
@@ -77,6 +79,8 @@ prop_compose! {
         for (n, at) in points.into_iter().enumerate() {
             model.trail.push(TrailPoint { along_mm: n as f64, at, rapid: n % 2 == 0 });
         }
+        let rows = (0..standing as usize * 20).map(|number| ShopJobRow { note: words.clone(), ..row(number, "ready") });
+        model.shop_jobs = (differ > 3).then(|| Arc::new(table(rows.collect())));
         for n in 0..9 {
             model.add_message(f64::from(n), line, words.clone());
         }
@@ -91,6 +95,10 @@ fn any_open() -> impl Strategy<Value = OpenDialog> {
         Just(OpenDialog::Tools),
         (prop::option::of(0..20u32), any::<u32>())
             .prop_map(|(chosen, typed)| OpenDialog::Contours(ContourMark { chosen, typed })),
+        (any::<bool>(), 0..3u8, 0..99usize).prop_map(|(is_chosen, view, scrolled)| {
+            let view = [ShopJobView::List, ShopJobView::Details(scrolled), ShopJobView::Start][usize::from(view)];
+            OpenDialog::ShopJobs(ShopJobMark { chosen: is_chosen.then(|| row(2, "ready").id), view })
+        }),
         Just(OpenDialog::Prompt(PendingQuestion::StartContour(7), String::new(), None)),
         (0..300usize).prop_map(OpenDialog::Messages),
         "\\PC{0,300}".prop_map(|text| OpenDialog::Prompt(PendingQuestion::Mdi, text.clone(), Some(text))),

@@ -9,6 +9,7 @@ mod listing;
 mod overlay;
 mod path;
 mod readouts;
+mod shop_jobs;
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;

@@ -9,7 +9,7 @@ use ratatui::widgets::{Clear, Widget};
 use retrace_controller::ManualTask;
 
 use super::listing::message_text;
-use super::{Theme, contours, fold, pane, put_at, truncate};
+use super::{Theme, contours, fold, pane, put_at, shop_jobs, truncate};
 use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel, ScreenStage};
@@ -36,6 +36,7 @@ pub(super) fn draw(
         OpenDialog::Help(from) => help(out, model, *from, theme),
         OpenDialog::Tools => tools(out, model, theme),
         OpenDialog::Contours(mark) => contours::draw(out, model, mark.chosen, theme),
+        OpenDialog::ShopJobs(mark) => shop_jobs::draw(out, model, mark, theme),
         OpenDialog::Messages(back) => log(out, model, *back, theme),
         OpenDialog::Prompt(ask, text, wrong) => prompt(out, model, *ask, (text, wrong.as_deref()), theme),
         OpenDialog::Nothing => match (&model.alarm, model.pause) {
@@ -244,7 +245,9 @@ fn alarm(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     lines.push(String::new());
     if alarm.is_refusal {
         lines.push("a or Esc: close".into());
-        draw_box(out, "PROGRAM REFUSED", &lines, theme);
+        let has_number = alarm.number.starts_with('E');
+        let title = if has_number { format!("NOT STARTED: {}", alarm.number) } else { "PROGRAM REFUSED".into() };
+        draw_box(out, &title, &lines, theme);
     } else {
         lines.push("a: clear the alarm · Esc: hide this box".into());
         draw_box(out, &format!("ALARM {}", alarm.number), &lines, theme);

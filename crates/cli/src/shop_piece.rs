@@ -1,0 +1,89 @@
+//! The next piece of a shop job: what is verified before it is started, at the terminal and at the screen alike.
+//!
+//! Invariant: a piece is a job that is ready, whose files are those that were submitted, and whose machine file permits
+//! it. Nothing here starts it.
+
+use std::path::{Path, PathBuf};
+
+use retrace_config::NumberedError;
+use retrace_shop::{ContentHash, Inbox, LedgerJob, OpenLedger, RunRecorder, ShopFile, ShopJob, ShopJobId};
+
+use crate::shop::ShopJobs;
+
+/// Writes to the ledger which runs have ended.
+///
+/// # Errors
+/// `E5009`, `E5010`
+pub fn record_ended_runs(ledger: &Path) -> Result<(), NumberedError> {
+    if ledger.exists() { OpenLedger::open(ledger)?.record_ended_runs() } else { Ok(()) }
+}
+
+/// Prepares the next piece of a job for the screen of a machine that runs with this machine file: the same checks as
+/// before `retrace run --job`. Returns the recorder of its run, and its program.
+///
+/// # Errors
+/// `E5004` where there is no such job, `E5012` where it is not ready, `E5013` where it has all its pieces, `E5014`
+/// where it was made for another machine file, `E5006` where its files were changed.
+pub fn prepare_at_screen(
+    shop_file: Option<&Path>,
+    id: &str,
+    machine_file: (Option<&Path>, &str),
+) -> Result<(RunRecorder, PathBuf), NumberedError> {
+    let jobs = read_jobs(&ShopFile::load(shop_file)?)?;
+    // A screen names a job in full: a beginning is for people who type.
+    let id = id.parse::<ShopJobId>().or_else(|_| jobs.find(id).and(Err(no_full_name(id))))?;
+    let job = ready_job(&jobs, id)?;
+    check_machine_file(&job.job, machine_file.0, machine_file.1)?;
+    Ok(piece_of(&jobs, job))
+}
+
+fn no_full_name(id: &str) -> NumberedError {
+    NumberedError::new("E5004", format!("{id} is not the whole name of a job"), "name it as the list of jobs does")
+}
+
+/// Reads the jobs, once the runs that have ended are in the ledger.
+///
+/// # Errors
+/// `E5009`, `E5010`
+pub fn read_jobs(file: &ShopFile) -> Result<ShopJobs, NumberedError> {
+    record_ended_runs(&file.machine_folder().ledger())?;
+    Ok(ShopJobs::read_silently(file)?.0)
+}
+
+/// The job of this identity, which is ready, and whose files are those that were submitted.
+///
+/// # Errors
+/// `E5012`, `E5013` where it is not ready; `E5006` where its files were changed.
+pub fn ready_job(jobs: &ShopJobs, id: ShopJobId) -> Result<&LedgerJob, NumberedError> {
+    let job = jobs.ledger.job(id).ok_or_else(|| RunRecorder::not_taken(id))?;
+    job.require_ready()?;
+    Inbox::of(&jobs.machine).verify(job)?;
+    Ok(job)
+}
+
+/// Recorder of the next run of a job, and its program.
+pub fn piece_of(jobs: &ShopJobs, job: &LedgerJob) -> (RunRecorder, PathBuf) {
+    let program = Inbox::of(&jobs.machine).program(job);
+    (RunRecorder::new(jobs.machine.clone(), job.job.id, program.display().to_string()), program)
+}
+
+/// Compares the machine file with the one that the job was made for. Returns the warning where it is another one.
+///
+/// # Errors
+/// `E5014` where the job permits no other one.
+pub fn check_machine_file(job: &ShopJob, path: Option<&Path>, text: &str) -> Result<Option<String>, NumberedError> {
+    let Some(demand) = job.machine_file.filter(|demand| ContentHash::of(text.as_bytes()) != demand.hash) else {
+        return Ok(None);
+    };
+    let what = format!("job {} was made for another machine file than {}", job.id, machine_file_name(path));
+    if demand.is_required {
+        let remedy = "name the right one with --machine, or submit the job again";
+        return Err(NumberedError::new("E5014", what, remedy));
+    }
+    Ok(Some(what))
+}
+
+/// Name of a machine file for people.
+pub fn machine_file_name(path: Option<&Path>) -> String {
+    path.map_or("the built-in machine".into(), |path| path.display().to_string())
+}
