@@ -13,6 +13,7 @@ use serde::Deserialize;
 use crate::inbox_limits::InboxLimits;
 use crate::machine_folder::{MachineFolder, unusable};
 use crate::machine_name::MachineName;
+use crate::sparkplug_config::{self, SparkplugConfig, SparkplugToml};
 
 /// Bytes of a GiB.
 const GIB: f64 = 1_073_741_824.0;
@@ -44,6 +45,8 @@ pub struct ShopFile {
     pub machine_file: Option<PathBuf>,
     /// The watched folder.
     pub watch: Option<WatchConfig>,
+    /// How the machine reports to an MQTT broker.
+    pub sparkplug: Option<SparkplugConfig>,
 }
 
 /// A watched folder: files that arrive there are submitted (SHP-35).
@@ -71,6 +74,7 @@ struct ShopToml {
     inbox_gib: Option<f64>,
     machine_file: Option<PathBuf>,
     watch: Option<WatchToml>,
+    sparkplug: Option<SparkplugToml>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -109,7 +113,8 @@ impl ShopFile {
     /// Parses the text of a shop file. Relative paths in it begin at its folder; `state` is the user's state folder.
     ///
     /// # Errors
-    /// `E5001` for a text that is not a shop file, with line and column; `E5002` for the name of a machine.
+    /// `E5001` for a text that is not a shop file, with line and column; `E5002` for the name of a machine; `E5021`,
+    /// `E5022` for the section `[sparkplug]`.
     pub fn parse(text: &str, file: &Path, state: Option<&Path>) -> Result<Self, NumberedError> {
         let wrong =
             |why: &str, remedy: String| NumberedError::new("E5001", format!("{}: {why}", file.display()), remedy);
@@ -138,7 +143,8 @@ impl ShopFile {
             })
         });
         let machine_file = toml.machine_file.map(beside);
-        Ok(Self { name, root, limits, machine_file, watch: watch.transpose()? })
+        let sparkplug = toml.sparkplug.map(|section| section.check(file)).transpose()?;
+        Ok(Self { name, root, limits, machine_file, watch: watch.transpose()?, sparkplug })
     }
 
     /// The folder of this machine.
@@ -169,7 +175,7 @@ impl ShopFile {
 /// What may have been meant by an unknown key.
 fn misread_remedy(message: &str) -> String {
     let key = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
-    match key.and_then(|key| nearest(key, KEYS)) {
+    match key.and_then(|key| nearest(key, KEYS.into_iter().chain(sparkplug_config::KEYS))) {
         Some(near) => format!("did you mean `{near}`?"),
         None => "correct the line; docs/shop.md describes the keys of a shop file".into(),
     }

@@ -58,6 +58,8 @@ mod sheet;
 mod sheet_sensing;
 mod shop;
 #[cfg(unix)]
+mod sparkplug;
+#[cfg(unix)]
 mod start_points;
 #[cfg(unix)]
 mod state_files;

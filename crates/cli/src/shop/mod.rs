@@ -9,8 +9,12 @@ mod job_changes;
 mod job_check;
 mod job_list;
 #[cfg(unix)]
+mod machine_observer;
+#[cfg(unix)]
 mod mtconnect;
 mod shop_jobs;
+#[cfg(unix)]
+mod sparkplug;
 mod submit;
 
 use retrace_config::NumberedError;
@@ -36,6 +40,8 @@ pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
         ShopAction::Scrap { id, run } => job_changes::scrap(&file, id, run),
         #[cfg(unix)]
         ShopAction::Mtconnect(adapter) => mtconnect::run(&file, adapter),
+        #[cfg(unix)]
+        ShopAction::Sparkplug { machine } => sparkplug::run(&file, machine.as_deref()),
         ShopAction::Audit { root, format } => audit::run(&file, root, format.json),
     }
 }
