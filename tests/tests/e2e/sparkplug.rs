@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::os::unix::net::UnixListener;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
-use retrace_tests::command::{Bench, assert_contains, binary, root};
+use retrace_tests::command::{Bench, assert_contains, binary, cases, root};
 use retrace_tests::mqtt_client::{Mosquitto, MqttClient, free_port};
 use retrace_tests::not_run::not_run;
 use retrace_tests::served::ServedCard;
@@ -216,6 +217,30 @@ fn a_host_sees_what_the_machine_does() {
     let _ = card.end();
 }
 
+/// Each change that a machine reports arrives, without a gap in the numbers.
+#[test]
+fn every_change_arrives_without_a_gap() {
+    let bench = Bench::new();
+    let Some((broker, address)) = mosquitto(&bench, "every_change_arrives_without_a_gap", "") else { return };
+    let mut host = Host::connect(broker.port, None);
+    let running = bench.path("state/retrace/running");
+    std::fs::create_dir_all(&running).expect("a folder");
+    let listener = UnixListener::bind(running.join("1.sock")).expect("a socket");
+    let _node = Node::start(&bench, &address, "");
+    let (mut machine, _) = listener.accept().expect("it reads");
+    host.wait_birth(1, 0);
+    let axes = ["x", "y", "z"].map(|letter| serde_json::json!({"letter": letter, "is_linear": true}));
+    let mut report = |message: serde_json::Value| writeln!(machine, "{message}").expect("it reads");
+    report(serde_json::json!({"t": "machine", "version": 1, "name": "table 1", "axes": axes}));
+    let changes = u64::from(cases(12).min(300));
+    for line in 1..=changes {
+        report(serde_json::json!({"t": "state", "stage": "job", "mode": "run", "hold_reason": "none", "line": line}));
+        host.wait("the line", |host| host.value("line") == Some(&HostValue::Integer(line)));
+    }
+    assert_eq!((host.host.births, host.host.bd_seq), (1, Some(0)));
+    assert!(host.host.data as u64 >= changes, "{} of {changes}", host.host.data);
+}
+
 /// `kill -9`, again and again: each death comes by the will, and each birth has the next number.
 #[test]
 fn a_node_that_is_killed_is_dead_by_its_will() {
@@ -225,7 +250,8 @@ fn a_node_that_is_killed_is_dead_by_its_will() {
     // The number before the last one, kept from earlier connections.
     std::fs::create_dir_all(bench.path("state/retrace/shop/mill")).expect("a folder");
     bench.file("state/retrace/shop/mill/sparkplug", "bdSeq 252\n");
-    for (deaths, number) in [253, 254, 255, 0, 1].into_iter().enumerate() {
+    for deaths in 0..cases(5).min(1_000) as usize {
+        let number = (deaths as u64 + 253) % 256;
         let mut node = Node::start(&bench, &address, "");
         host.wait_birth(deaths + 1, number);
         node.kill();

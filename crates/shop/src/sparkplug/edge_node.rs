@@ -256,8 +256,8 @@ impl EdgeNode {
 
     /// Whether these are not the metrics of the last birth: the machine has other axes.
     fn has_other_metrics(&self, metrics: &[NodeMetric]) -> bool {
-        let names = |metrics: &[NodeMetric]| metrics.iter().map(|metric| metric.name.clone()).collect::<Vec<_>>();
-        self.published.len() != metrics.len() || names(&self.published) != names(metrics)
+        let names = self.published.iter().map(|metric| &metric.name);
+        !names.eq(metrics.iter().map(|metric| &metric.name))
     }
 
     fn bd_seq_metric(&self, time_ms: u64) -> PayloadMetric {

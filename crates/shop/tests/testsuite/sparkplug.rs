@@ -195,6 +195,8 @@ proptest! {
         if trial.node.is_born() {
             let line = trial.report.line().map(HostValue::Integer);
             prop_assert_eq!(trial.host.value("line"), line.as_ref());
+            let axis = format!("axis/{}/work", trial.axes[0].letter);
+            prop_assert!(trial.host.values.contains_key(&axis), "{} was not born", axis);
         }
     }
 }
