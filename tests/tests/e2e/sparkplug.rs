@@ -156,12 +156,19 @@ fn mosquitto(bench: &Bench, test: &str, lines: &str) -> Option<(Mosquitto, Strin
     Some((broker, address))
 }
 
-/// A run that is held at M1 until it is let go on.
-fn start_run(bench: &Bench, card: &ServedCard) -> Child {
+/// A job of the shop whose run is held at M1; returns the run, and the name of the job.
+fn start_job(bench: &Bench, card: &ServedCard) -> (Child, String) {
     bench.file("part.ngc", "G21 G90 F1200\nG0 X10\nG1 X40\nM1\nG1 X60\nM2\n");
     bench.file("m.toml", "[card]\nwatchdog_ms = 2000\n");
-    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
-    bench.start(&run, Stdio::piped(), "told.txt")
+    let shop = |arguments: &[&str]| {
+        let done = bench.retrace(["shop", "--shop-file", "shop.toml"].iter().chain(arguments));
+        assert_eq!(done.code, Some(0), "{}", done.err);
+        done.out.trim().to_owned()
+    };
+    let job = shop(&["submit", "part.ngc", "--quantity", "2"]);
+    shop(&["agent", "--once"]);
+    let run = ["run", "--job", &job, "--shop-file", "shop.toml", "--card", &card.port, "--machine", "m.toml", "--json"];
+    (bench.start(&run, Stdio::piped(), "told.txt"), job)
 }
 
 /// From no machine over a run to its end: every message is one of the specification, and its values are those of the
@@ -180,8 +187,9 @@ fn a_host_sees_what_the_machine_does() {
     // No job was ever taken: no ledger has no pieces, and nothing else is known.
     assert_eq!(known(&host), ["Node Control/Rebirth", "bdSeq", "part_count", "version"]);
     let card = ServedCard::with(&[]);
-    let mut run = start_run(&bench, &card);
+    let (mut run, job) = start_job(&bench, &card);
     host.wait_text("state", "OPTIONAL_STOP");
+    host.wait_text("job", &job);
     host.take_for(Duration::from_millis(1_500));
     for (name, value) in [
         ("program", HostValue::Text("part.ngc".into())),
@@ -194,10 +202,8 @@ fn a_host_sees_what_the_machine_does() {
     ] {
         assert_eq!(host.host.value(name), Some(&value), "{name}");
     }
-    assert_eq!(
-        (host.host.value("alarm/number"), host.host.value("held_s"), host.host.value("job")),
-        (None, None, None)
-    );
+    assert_eq!((host.host.value("alarm/number"), host.host.value("held_s")), (None, None));
+    assert_eq!(host.host.value("part_count"), Some(&HostValue::Integer(0)));
     host.client.publish(COMMAND, &command("Node Control/Rebirth", true), false);
     host.wait_birth(2, 0);
     assert_eq!(host.text("state"), Some("OPTIONAL_STOP"));
@@ -206,6 +212,7 @@ fn a_host_sees_what_the_machine_does() {
     let _ = run.kill();
     run.wait().expect("it ends");
     host.wait("state is null", |host| host.value("state").is_none() && host.value("axis/x/machine").is_none());
+    host.wait("no job", |host| host.value("job").is_none());
     assert!(host.states.contains(&"ACTIVE".into()), "{:?}", host.states);
     assert!(node.end().success());
     host.wait("the death", |host| !host.is_online);

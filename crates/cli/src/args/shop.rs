@@ -84,7 +84,7 @@ pub enum ShopAction {
     /// Publish what the machine does to an MQTT broker (Sparkplug B), until interrupted; a birth can be asked for, and
     /// nothing else.
     #[cfg(unix)]
-    #[command(after_help = "Example, with `[sparkplug]` and `broker = \"mqtt://[::1]\"` in the shop file:\n  \
+    #[command(after_help = "Example, with `[sparkplug]` and `broker = \"mqtt://HOST\"` in the shop file:\n  \
                             retrace shop sparkplug")]
     Sparkplug {
         /// Machine file, for its axes; by default that of the shop file, or the built-in machine.

@@ -25,7 +25,7 @@ const INTERVAL: Duration = Duration::from_millis(20);
 pub fn run(file: &ShopFile, machine_file: Option<&Path>) -> Result<(), NumberedError> {
     let Some(config) = &file.sparkplug else {
         let what = "the shop file names no MQTT broker";
-        let remedy = "write `[sparkplug]` and `broker = \"mqtt://[::1]:1883\"` to it; docs/shop.md has the keys";
+        let remedy = "write `[sparkplug]` and `broker = \"mqtt://HOST:1883\"` to it; docs/shop.md has the keys";
         return Err(NumberedError::new("E5021", what, remedy));
     };
     let mut machine = MachineObserver::new(file, machine_file)?;
