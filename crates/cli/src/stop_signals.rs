@@ -77,13 +77,7 @@ impl StopSignals {
     /// it.
     pub fn listen(&self) {
         #[cfg(unix)]
-        {
-            use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-            let ignored = ignored();
-            for signal in [SIGHUP, SIGTERM, SIGINT].into_iter().filter(|signal| ignored & (1 << (signal - 1)) == 0) {
-                let _ = signal_hook::flag::register(signal, Arc::clone(&self.has_signal));
-            }
-        }
+        set_at_signal(&self.has_signal);
     }
 
     /// Applies an item of telemetry.
@@ -134,6 +128,16 @@ fn watch_signals(
         } else {
             came.store(true, Ordering::Relaxed);
         }
+    }
+}
+
+/// From now on a signal sets this flag instead of ending the process. Where the system rejects that, it still ends it.
+#[cfg(unix)]
+pub fn set_at_signal(flag: &Arc<AtomicBool>) {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    let ignored = ignored();
+    for signal in [SIGHUP, SIGTERM, SIGINT].into_iter().filter(|signal| ignored & (1 << (signal - 1)) == 0) {
+        let _ = signal_hook::flag::register(signal, Arc::clone(flag));
     }
 }
 

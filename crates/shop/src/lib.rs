@@ -54,6 +54,9 @@ mod run_recorder;
 mod run_state;
 mod shop_file;
 #[cfg(unix)]
+mod sparkplug;
+mod sparkplug_config;
+#[cfg(unix)]
 mod state_reader;
 mod watch_log;
 
@@ -86,5 +89,11 @@ pub use recall::give_back;
 pub use run_recorder::RunRecorder;
 pub use run_state::{RunState, run_state};
 pub use shop_file::{ShopFile, WatchConfig};
+#[cfg(unix)]
+pub use sparkplug::{
+    EdgeNode, MqttVersion, NodeMetric, NodeName, NodeStep, Publication, ReceivedCounts, SparkplugNotice,
+    SparkplugSession, node_metrics,
+};
+pub use sparkplug_config::SparkplugConfig;
 #[cfg(unix)]
 pub use state_reader::StateReader;

@@ -99,21 +99,43 @@ impl MachineFolder {
         self.path.join("watched")
     }
 
+    /// The number of the last connection of the Sparkplug edge node.
+    #[cfg(unix)]
+    #[must_use]
+    pub(crate) fn birth_death_number(&self) -> PathBuf {
+        self.path.join("sparkplug")
+    }
+
     /// Locks the machine against another agent, until the file is dropped or the process ends.
     ///
     /// # Errors
     /// `E5011` where another agent runs; `E5010`.
     pub fn lock_agent(&self) -> Result<File, NumberedError> {
-        let path = self.inbox().join("agent.lock");
-        let file = state_file::open_lock(&path).map_err(|error| unusable(&path, &error))?;
-        match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(fs::TryLockError::WouldBlock) => {
-                let what = format!("another agent of machine {} is running", self.name);
-                Err(NumberedError::new("E5011", what, "one agent is enough; stop the other one first"))
-            }
-            Err(fs::TryLockError::Error(error)) => Err(unusable(&path, &error)),
-        }
+        lock(&self.inbox().join("agent.lock"))?.ok_or_else(|| {
+            let what = format!("another agent of machine {} is running", self.name);
+            NumberedError::new("E5011", what, "one agent is enough; stop the other one first")
+        })
+    }
+
+    /// Locks the machine against another Sparkplug edge node, until the file is dropped or the process ends.
+    ///
+    /// # Errors
+    /// `E5026` where another one runs; `E5010`.
+    pub fn lock_sparkplug(&self) -> Result<File, NumberedError> {
+        lock(&self.path.join("sparkplug.lock"))?.ok_or_else(|| {
+            let what = format!("machine {} is an edge node already: another `retrace shop sparkplug` runs", self.name);
+            NumberedError::new("E5026", what, "one is enough; stop the other one first")
+        })
+    }
+}
+
+/// Locks a file; none where another process has locked it.
+fn lock(path: &Path) -> Result<Option<File>, NumberedError> {
+    let file = state_file::open_lock(path).map_err(|error| unusable(path, &error))?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(fs::TryLockError::WouldBlock) => Ok(None),
+        Err(fs::TryLockError::Error(error)) => Err(unusable(path, &error)),
     }
 }
 

@@ -23,6 +23,8 @@ pub struct MachineReport {
     pub machine: Option<String>,
     /// Number of good pieces and of scrap since the ledger begins, where there is one.
     pub pieces: Option<[u64; 2]>,
+    /// Job of the shop that is running, by the ledger.
+    pub shop_job: Option<String>,
 }
 
 impl MachineReport {
@@ -37,9 +39,9 @@ impl MachineReport {
         }
     }
 
-    /// The machine reports no more: nothing but its pieces is known.
+    /// The machine reports no more: nothing but what the ledger has is known.
     pub fn forget(&mut self) {
-        *self = Self { pieces: self.pieces, ..Self::default() };
+        *self = Self { pieces: self.pieces, shop_job: self.shop_job.take(), ..Self::default() };
     }
 
     /// Whether the machine reports.
@@ -120,6 +122,30 @@ impl MachineReport {
     #[must_use]
     pub fn has_modal(&self, code: &str) -> bool {
         self.modal_words().any(|word| word == code)
+    }
+
+    /// What the machine does, in the words of MTConnect's `EXECUTION`.
+    #[must_use]
+    pub fn execution(&self) -> Option<&'static str> {
+        if self.alarm().is_some() {
+            return Some("STOPPED");
+        }
+        Some(match self.state("stage")? {
+            "setup" => "READY",
+            "ended" if self.state("why").is_some_and(|why| why.starts_with("completed")) => "PROGRAM_COMPLETED",
+            "ended" => "STOPPED",
+            "resuming" => "INTERRUPTED",
+            _ if self.has("pause") || self.has("question") => "INTERRUPTED",
+            _ => match (self.state("mode")?, self.state("hold_reason")?) {
+                ("run", "hold") => "FEED_HOLD",
+                ("run", "program stop") if self.state("program_stop") == Some("M1") => "OPTIONAL_STOP",
+                ("run", "program stop") => "PROGRAM_STOPPED",
+                ("run", "end of program") => "PROGRAM_COMPLETED",
+                ("run", "none") if self.has("switching") || self.has("tool_change") => "WAIT",
+                ("run", "none") => "ACTIVE",
+                _ => "INTERRUPTED",
+            },
+        })
     }
 
     fn modal_words(&self) -> impl Iterator<Item = &str> {

@@ -15,6 +15,7 @@ use crate::broker::broker_settings::{BROKER_KEYS, BrokerToml};
 use crate::inbox_limits::InboxLimits;
 use crate::machine_folder::{MachineFolder, unusable};
 use crate::machine_name::MachineName;
+use crate::sparkplug_config::{self, SparkplugConfig, SparkplugToml};
 
 /// Bytes of a GiB.
 const GIB: f64 = 1_073_741_824.0;
@@ -49,6 +50,8 @@ pub struct ShopFile {
     pub watch: Option<WatchConfig>,
     /// The broker between the computers of the shop.
     pub broker: Option<BrokerSettings>,
+    /// How the machine reports to an MQTT broker.
+    pub sparkplug: Option<SparkplugConfig>,
 }
 
 /// A watched folder: files that arrive there are submitted (SHP-35).
@@ -77,6 +80,7 @@ struct ShopToml {
     machine_file: Option<PathBuf>,
     watch: Option<WatchToml>,
     broker: Option<BrokerToml>,
+    sparkplug: Option<SparkplugToml>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -115,7 +119,8 @@ impl ShopFile {
     /// Parses the text of a shop file. Relative paths in it begin at its folder; `state` is the user's state folder.
     ///
     /// # Errors
-    /// `E5001` for a text that is not a shop file, with line and column; `E5002` for the name of a machine.
+    /// `E5001` for a text that is not a shop file, with line and column; `E5002` for the name of a machine; `E5021`,
+    /// `E5022` for the section `[sparkplug]`.
     pub fn parse(text: &str, file: &Path, state: Option<&Path>) -> Result<Self, NumberedError> {
         let wrong =
             |why: &str, remedy: String| NumberedError::new("E5001", format!("{}: {why}", file.display()), remedy);
@@ -145,7 +150,9 @@ impl ShopFile {
         });
         let machine_file = toml.machine_file.map(beside);
         let broker = toml.broker.map(|broker| broker.settings(beside).map_err(|(why, remedy)| wrong(&why, remedy)));
-        Ok(Self { name, root, limits, machine_file, watch: watch.transpose()?, broker: broker.transpose()? })
+        let sparkplug = toml.sparkplug.map(|section| section.check(file)).transpose()?;
+        let watch = watch.transpose()?;
+        Ok(Self { name, root, limits, machine_file, watch, broker: broker.transpose()?, sparkplug })
     }
 
     /// The folder of this machine.
@@ -176,7 +183,7 @@ impl ShopFile {
 /// What may have been meant by an unknown key.
 fn misread_remedy(message: &str) -> String {
     let key = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
-    match key.and_then(|key| nearest(key, KEYS.into_iter().chain(BROKER_KEYS))) {
+    match key.and_then(|key| nearest(key, KEYS.into_iter().chain(BROKER_KEYS).chain(sparkplug_config::KEYS))) {
         Some(near) => format!("did you mean `{near}`?"),
         None => "correct the line; docs/shop.md describes the keys of a shop file".into(),
     }

@@ -61,6 +61,8 @@ mod shop_broker;
 mod shop_page;
 mod shop_screen;
 #[cfg(unix)]
+mod sparkplug;
+#[cfg(unix)]
 mod start_points;
 #[cfg(unix)]
 mod state_files;

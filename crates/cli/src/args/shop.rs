@@ -126,6 +126,16 @@ pub enum ShopAction {
     #[cfg(unix)]
     #[command(after_help = "Examples:\n  retrace shop mtconnect\n  retrace shop mtconnect --devices > Devices.xml")]
     Mtconnect(MtConnect),
+    /// Publish what the machine does to an MQTT broker (Sparkplug B), until interrupted; a birth can be asked for, and
+    /// nothing else.
+    #[cfg(unix)]
+    #[command(after_help = "Example, with `[sparkplug]` and `broker = \"mqtt://HOST\"` in the shop file:\n  \
+                            retrace shop sparkplug")]
+    Sparkplug {
+        /// Machine file, for its axes; by default that of the shop file, or the built-in machine.
+        #[arg(long, value_name = "FILE.toml")]
+        machine: Option<PathBuf>,
+    },
 }
 
 /// `retrace shop mtconnect`

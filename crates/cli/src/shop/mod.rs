@@ -14,8 +14,12 @@ mod job_check;
 mod job_list;
 mod key;
 #[cfg(unix)]
+mod machine_observer;
+#[cfg(unix)]
 mod mtconnect;
 mod shop_jobs;
+#[cfg(unix)]
+mod sparkplug;
 mod submit;
 mod watch;
 
@@ -55,6 +59,8 @@ pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
         ShopAction::Mtconnect(adapter) => mtconnect::run(&file, adapter),
         ShopAction::Audit { broker: true, format, .. } => audit::run_broker(&file, format.json),
         ShopAction::Audit { root, format, .. } => audit::run(&file, root, format.json),
+        #[cfg(unix)]
+        ShopAction::Sparkplug { machine } => sparkplug::run(&file, machine.as_deref()),
         ShopAction::Doctor => doctor::run(&file),
     }
 }

@@ -207,7 +207,7 @@ impl DataItem {
                 let is_open = report.alarm().is_some_and(|(number, _)| number == "E3012");
                 Some(if is_open { "TRIGGERED" } else { "ARMED" }.into())
             }
-            Source::Execution => execution(report).map(str::to_owned),
+            Source::Execution => report.execution().map(str::to_owned),
             Source::ControllerMode => Some(controller_mode(report).into()),
             Source::Program => report.program().map(str::to_owned),
             Source::LineNumber => report.line().map(|line| line.to_string()),
@@ -238,28 +238,6 @@ fn condition(of: ConditionOf, report: &MachineReport) -> Observation {
         _ => ("NORMAL", ("", "")),
     };
     Observation::Condition { level, code: code.into(), text: text.into() }
-}
-
-fn execution(report: &MachineReport) -> Option<&'static str> {
-    if report.alarm().is_some() {
-        return Some("STOPPED");
-    }
-    Some(match report.state("stage")? {
-        "setup" => "READY",
-        "ended" if report.state("why").is_some_and(|why| why.starts_with("completed")) => "PROGRAM_COMPLETED",
-        "ended" => "STOPPED",
-        "resuming" => "INTERRUPTED",
-        _ if report.has("pause") || report.has("question") => "INTERRUPTED",
-        _ => match (report.state("mode")?, report.state("hold_reason")?) {
-            ("run", "hold") => "FEED_HOLD",
-            ("run", "program stop") if report.state("program_stop") == Some("M1") => "OPTIONAL_STOP",
-            ("run", "program stop") => "PROGRAM_STOPPED",
-            ("run", "end of program") => "PROGRAM_COMPLETED",
-            ("run", "none") if report.has("switching") || report.has("tool_change") => "WAIT",
-            ("run", "none") => "ACTIVE",
-            _ => "INTERRUPTED",
-        },
-    })
 }
 
 fn controller_mode(report: &MachineReport) -> &'static str {
@@ -334,7 +312,7 @@ mod tests {
             (with(with(run(), "stage", json!("ended")), "why", json!("completed · motion 3 s")), "PROGRAM_COMPLETED"),
             (with(run(), "stage", json!("ended")), "STOPPED"),
         ] {
-            assert_eq!(execution(&report(state.clone())), Some(expected), "{state}");
+            assert_eq!(report(state.clone()).execution(), Some(expected), "{state}");
         }
     }
 
