@@ -150,8 +150,10 @@ fn a_page_starts_no_piece_that_the_terminal_would_refuse() {
     page.wait_until("held", |page| page.last("state")["hold_reason"] == "hold");
     assert_eq!(page.order("stop")["t"], "done");
     page.wait_for_word("ENDED");
+    page.wait_until("no hold", |page| page.last("state")["hold_reason"] != "hold");
     listed(&server, &long, "interrupted");
-    assert_eq!(page.order_when_free(&format!("start job {long}"))["t"], "done");
+    let again = page.order_when_free(&format!("start job {long}"));
+    assert_eq!(again["t"], "done", "{again}");
     not_started(&mut page, "E5012");
     assert_eq!(state(&bench, &long), json!(["interrupted", 0, 1]));
     assert_eq!(state(&bench, &part), json!(["ready", 0, 0]));
