@@ -4,24 +4,55 @@
 //! from the look at the state of the job to that entry, so that a piece is started once.
 
 use retrace_config::NumberedError;
-use retrace_shop::{RunRecorder, ShopFile};
+use retrace_shop::{LedgerJob, RunRecorder, ShopFile};
 
 use crate::args;
 use crate::command_failure::CommandFailure;
 use crate::shop_piece::{check_machine_file, piece_of, read_jobs, ready_job, record_ended_runs};
 use crate::{files, resume as resume_command, run as run_command};
 
-/// Runs the next piece of a shop job. Returns the exit code.
+/// Runs the next piece of a shop job, or several, one after the other. Returns the exit code.
 ///
 /// # Errors
 /// `E5004` where there is no such job, `E5012` where it is not ready, `E5013` where it has all its pieces, `E5014`
-/// where it was made for another machine file, `E5006` where its files were changed; and as [`run_command::run`].
-pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
-    let recorder = prepare(&mut args)?;
-    args.shop.recorder = Some(recorder.clone());
-    let done = run_command::run(args);
-    print_error(record_ended_runs(&recorder.ledger()));
-    done
+/// where it was made for another machine file, `E5006` where its files were changed, `E5043` where more pieces are to
+/// be run than it permits; and as [`run_command::run`].
+pub fn run(args: args::Run) -> Result<u8, CommandFailure> {
+    let pieces = args.shop.repeat.unwrap_or(1);
+    for number in 1..=pieces {
+        let mut piece = args.clone();
+        let recorder = prepare(&mut piece, pieces - number)?;
+        if pieces > 1 {
+            eprintln!("piece {number} of {pieces}");
+        }
+        piece.shop.recorder = Some(recorder.clone());
+        let done = run_command::run(piece);
+        print_error(record_ended_runs(&recorder.ledger()));
+        // whatever is not the end of the program ends the series
+        if number == pieces || !matches!(done, Ok(0)) {
+            return done;
+        }
+    }
+    Err(not_repeatable("0 pieces are none".into(), "give a number from 1").into())
+}
+
+/// Checks that so many pieces more may be run behind the next one.
+fn check_repeat(job: &LedgerJob, more: u32) -> Result<(), NumberedError> {
+    let id = job.job.id;
+    let missing = job.job.quantity.saturating_sub(job.good_pieces_now());
+    if more > 0 && !job.job.may_repeat {
+        let remedy = "start each piece by itself, without --repeat; `submit --may-repeat` permits a series";
+        return Err(not_repeatable(format!("job {id} does not permit a series of pieces"), remedy));
+    }
+    if more >= missing {
+        let what = format!("{missing} pieces of job {id} are missing, and not {}", more + 1);
+        return Err(not_repeatable(what, "give the number of those that are missing, or less"));
+    }
+    Ok(())
+}
+
+fn not_repeatable(what: String, remedy: &str) -> NumberedError {
+    NumberedError::new("E5043", what, remedy)
 }
 
 /// Error of `retrace serve --job`: the operator chooses the job on the page, where it is shown what is started.
@@ -52,7 +83,7 @@ fn print_error(done: Result<(), NumberedError>) {
 }
 
 /// Finds the job and names its program on the command line.
-fn prepare(args: &mut args::Run) -> Result<RunRecorder, NumberedError> {
+fn prepare(args: &mut args::Run, more: u32) -> Result<RunRecorder, NumberedError> {
     let name = args.shop.job.clone().unwrap_or_default();
     let file = ShopFile::load(args.shop.shop_file.as_deref())?;
     if args.machine_file.machine.is_none() {
@@ -61,6 +92,7 @@ fn prepare(args: &mut args::Run) -> Result<RunRecorder, NumberedError> {
     let jobs = read_jobs(&file)?;
     let id = jobs.find(&name)?.id();
     let job = ready_job(&jobs, id)?;
+    check_repeat(job, more)?;
     let path = args.machine_file.path();
     if let Some(warning) = check_machine_file(&job.job, path, &files::machine_text(path)?)? {
         eprintln!("warning: {}", crate::escape::lines(&warning));

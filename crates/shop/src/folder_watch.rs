@@ -168,6 +168,7 @@ impl FolderWatch {
             bundle,
             target: JobTarget::Machine(self.config.machine.clone()),
             quantity: 1,
+            may_repeat: false,
             note: String::new(),
             material: String::new(),
             submitter: format!("folder {}", folder_text(&self.config.path)),

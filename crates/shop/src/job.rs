@@ -29,6 +29,8 @@ pub struct ShopJob {
     pub target: JobTarget,
     /// Number of pieces, at least 1.
     pub quantity: u32,
+    /// Whether the operator may start several pieces at once, one after the other (SHP-15).
+    pub may_repeat: bool,
     /// Text for the operator; may be empty.
     pub note: String,
     /// The material, as text; may be empty.
@@ -71,6 +73,8 @@ struct ShopJobText {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     group: Option<MachineName>,
     quantity: u32,
+    #[serde(default, skip_serializing_if = "is_false")]
+    may_repeat: bool,
     #[serde(default, skip_serializing_if = "String::is_empty")]
     note: String,
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -82,6 +86,10 @@ struct ShopJobText {
     submitted: Timestamp,
 }
 
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
 impl TryFrom<ShopJobText> for ShopJob {
     type Error = &'static str;
 
@@ -91,8 +99,10 @@ impl TryFrom<ShopJobText> for ShopJob {
             (None, Some(name)) => JobTarget::Group(name),
             _ => return Err("a job is for a machine or for a group"),
         };
-        let ShopJobText { id, bundle, quantity, note, material, submitter, machine_file, submitted, .. } = text;
-        Ok(Self { id, bundle, target, quantity, note, material, submitter, machine_file, submitted })
+        let ShopJobText {
+            id, bundle, quantity, may_repeat, note, material, submitter, machine_file, submitted, ..
+        } = text;
+        Ok(Self { id, bundle, target, quantity, may_repeat, note, material, submitter, machine_file, submitted })
     }
 }
 
@@ -102,8 +112,8 @@ impl From<ShopJob> for ShopJobText {
             JobTarget::Machine(name) => (Some(name), None),
             JobTarget::Group(name) => (None, Some(name)),
         };
-        let ShopJob { id, bundle, quantity, note, material, submitter, machine_file, submitted, .. } = job;
-        Self { id, bundle, machine, group, quantity, note, material, submitter, machine_file, submitted }
+        let ShopJob { id, bundle, quantity, may_repeat, note, material, submitter, machine_file, submitted, .. } = job;
+        Self { id, bundle, machine, group, quantity, may_repeat, note, material, submitter, machine_file, submitted }
     }
 }
 
@@ -149,6 +159,7 @@ pub(crate) mod tests {
             bundle,
             target: JobTarget::Machine(MachineName::local()),
             quantity: 1,
+            may_repeat: false,
             note: String::new(),
             material: String::new(),
             submitter: "ann".into(),

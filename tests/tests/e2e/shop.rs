@@ -395,3 +395,32 @@ fn files_of_a_watched_folder_become_jobs_each_once() {
     agent.wait().expect("it ends");
     assert_refused(&second, "E5011");
 }
+
+#[test]
+fn a_series_of_pieces_is_run_where_the_job_permits_it_and_ends_with_a_bad_one() {
+    let bench = bench();
+    let single = submit(&bench, &["part.ngc", "--quantity", "3"]);
+    let series = submit(&bench, &["part.ngc", "--quantity", "4", "--may-repeat"]);
+    let _ = done(&bench, &["shop", "agent", "--once"]);
+    let run = |id: &str, pieces: &str| bench.retrace(["run", "--job", id, "--repeat", pieces]);
+    assert_refused(&run(&single, "2"), "E5043");
+    assert_refused(&run(&series, "5"), "E5043");
+    assert_refused(&run(&series, "0"), "E5043");
+    assert_eq!((state(&bench, &single), state(&bench, &series)), (is("ready", 0, 3), is("ready", 0, 4)));
+    let two = run(&series, "2");
+    assert_eq!(two.code, Some(0), "{}", two.err);
+    assert_contains(&two.err, &["piece 1 of 2", "piece 2 of 2"]);
+    assert_eq!(state(&bench, &series), is("ready", 2, 4));
+    assert_eq!(run(&single, "1").code, Some(0), "one piece is no series");
+    // the second piece of a series that is stopped is the last one
+    let mut child = bench.start(&["run", "--job", &series, "--repeat", "2", "--json"], Stdio::null(), "told.txt");
+    let begun = Instant::now();
+    while state(&bench, &series).1 < 3 && begun.elapsed() < Duration::from_secs(20) {
+        sleep(Duration::from_millis(1));
+    }
+    child.kill().expect("it is killed");
+    child.wait().expect("it ends");
+    let (_, good, _) = state(&bench, &series);
+    assert!((3..=4).contains(&good), "{good}");
+    let _ = done(&bench, &["shop", "audit"]);
+}

@@ -211,6 +211,9 @@ pub struct Submit {
     /// Number of pieces; each is a run of its own.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub quantity: u32,
+    /// Let the operator start several pieces at once, one after the other, by `retrace run --job ID --repeat N`.
+    #[arg(long)]
+    pub may_repeat: bool,
     /// Text for the operator.
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     pub note: String,
@@ -233,6 +236,9 @@ pub struct ShopJobOptions {
         "program", "no_journal", "dry_run", "start_line", "contour", "save_materials", "serve",
     ])]
     pub job: Option<String>,
+    /// Run so many pieces of --job, one after the other without a pause, if the job permits it.
+    #[arg(long, value_name = "N", requires = "job", conflicts_with_all = ["tui"])]
+    pub repeat: Option<u32>,
     /// Shop file of --job and of the jobs at the screen; by default `shop.toml` in the user's state folder, if there is
     /// one.
     #[arg(long, value_name = "FILE.toml")]

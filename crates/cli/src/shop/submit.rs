@@ -54,6 +54,7 @@ fn job(
         bundle,
         target,
         quantity: args.quantity,
+        may_repeat: args.may_repeat,
         note: args.note.clone(),
         material: args.material.clone(),
         submitter: submitter(),

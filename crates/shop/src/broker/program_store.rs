@@ -5,12 +5,13 @@
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
+use std::time::Duration;
 
 use async_nats::jetstream::object_store::ObjectStore;
 use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE;
 use retrace_config::NumberedError;
-use retrace_journal::state_file;
+use retrace_journal::{Timestamp, state_file};
 use serde::Deserialize;
 
 use super::broker_connection::{ANSWER_LIMIT, BrokerConnection, TRANSFER_LIMIT};
@@ -18,6 +19,10 @@ use super::stores::PROGRAMS;
 use crate::bundle::{Bundle, MAX_JSON_BYTES, open_plain};
 use crate::content_hash::ContentHash;
 use crate::machine_folder::unusable;
+
+/// Age from which a file is sent again for another job. It is kept at the broker for twice as long as a job, so that no
+/// job outlives its files.
+const RENEWED_AFTER: Duration = Duration::from_secs(20 * 86_400);
 
 /// The programs at the broker.
 pub(crate) struct ProgramStore<'a> {
@@ -55,8 +60,13 @@ impl<'a> ProgramStore<'a> {
     ) -> Result<(), NumberedError> {
         let name = object_name(hash);
         let known = self.connection.try_run(ANSWER_LIMIT, self.objects.info(&name));
-        if matches!(known, Some(Ok(info)) if info.size as u64 == bytes && !info.deleted) {
-            return Ok(());
+        if let Some(Ok(info)) = known {
+            let now_s = Timestamp::now().ms() / 1000;
+            let age_s = info.modified.map(|when| now_s.saturating_sub(when.unix_timestamp().max(0).unsigned_abs()));
+            let is_new = age_s.is_some_and(|age_s| age_s < RENEWED_AFTER.as_secs());
+            if info.size as u64 == bytes && !info.deleted && is_new {
+                return Ok(());
+            }
         }
         let sent = self.objects.put(name.as_str(), &mut from);
         self.connection.run(TRANSFER_LIMIT, "a file that is sent", sent).map(|_| ())

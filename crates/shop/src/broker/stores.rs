@@ -3,7 +3,7 @@
 //! ```text
 //!  JOBS      shop.job.machine.<m>, shop.job.group.<g>   signed messages, 30 days
 //!  EVENTS    shop.event.<m>                             what the ledgers say, 30 days, at most 1 GiB
-//!  programs  objects named by their hashes              files and bundles
+//!  programs  objects named by their hashes              files and bundles, 60 days
 //!  claims    machine.<m>.<job>, group.<g>.<job>         which machine holds a job
 //!  machines  <m>.state                                  what each machine does
 //! ```
@@ -148,6 +148,7 @@ fn configs() -> [Config; 5] {
     let programs = Config {
         subjects: vec![format!("$O.{PROGRAMS}.C.>"), format!("$O.{PROGRAMS}.M.>")],
         deny_delete: false,
+        max_age: 2 * KEPT,
         ..bucket(PROGRAMS, -1)
     };
     [
