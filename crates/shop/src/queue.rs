@@ -61,6 +61,18 @@ impl JobQueue {
         self.stage_by(bytes, limits, |files| Bundle::store(sources, files))
     }
 
+    /// Checks that the disk has room for so many bytes.
+    ///
+    /// # Errors
+    /// `E5008` where it does not, `E5010` where that cannot be found out.
+    pub(crate) fn check_room(&self, bytes: u64, limits: InboxLimits) -> Result<(), NumberedError> {
+        let free = free_bytes(&self.folder).map_err(|error| unusable(&self.folder, &error))?;
+        if free < bytes.saturating_add(limits.disk_reserve_bytes) {
+            return Err(no_room(&self.folder, bytes, &format!("its disk has {} MiB free", free >> 20), limits));
+        }
+        Ok(())
+    }
+
     /// Stages a job of so many bytes whose files `store` writes to the folder that it gets, each under its hash.
     ///
     /// # Errors
@@ -71,10 +83,7 @@ impl JobQueue {
         limits: InboxLimits,
         store: impl FnOnce(&Path) -> Result<Bundle, NumberedError>,
     ) -> Result<StagedFiles, NumberedError> {
-        let free = free_bytes(&self.folder).map_err(|error| unusable(&self.folder, &error))?;
-        if free < bytes.saturating_add(limits.disk_reserve_bytes) {
-            return Err(no_room(&self.folder, bytes, &format!("its disk has {} MiB free", free >> 20), limits));
-        }
+        self.check_room(bytes, limits)?;
         let folder = self.folder.join(format!("{NEW}{}", ShopJobId::new_now()?));
         state_file::create_new_private_folder(&folder).map_err(|error| unusable(&folder, &error))?;
         let files = folder.join("files");

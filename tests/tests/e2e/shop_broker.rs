@@ -279,6 +279,23 @@ fn over_tls_a_server_without_the_certificate_of_the_shop_gets_nothing() {
     assert!(refused.code == Some(2) && refused.err.contains("error[E5035]"), "{}", refused.err);
 }
 
+/// What the inbox has no room for stays at the broker, but for a few jobs.
+#[test]
+fn a_full_inbox_leaves_jobs_at_the_broker() {
+    let (bench, part) = bench();
+    let test = "shop_broker::a_full_inbox_leaves_jobs_at_the_broker";
+    let Some(broker) = ShopBroker::start(test, &bench, &["mill"], &[]) else { return };
+    let sent: Vec<String> = (0..23).map(|_| submit(&broker, &part, &["--machine", "mill"])).collect();
+    let file = fs::read_to_string(broker.shop_file("mill")).expect("a file");
+    fs::write(broker.shop_file("mill"), format!("inbox_gib = 0.00000001\n{file}")).expect("written");
+    let full = broker.retrace("mill", &["agent", "--once"]);
+    assert!(full.code == Some(0) && full.err.contains("error[E5008]"), "{}", full.err);
+    assert_eq!(jobs(&broker, "mill").len(), 20, "in the queue");
+    fs::write(broker.shop_file("mill"), file).expect("written");
+    broker.done("mill", &["agent", "--once"]);
+    assert_eq!(jobs(&broker, "mill"), sent.iter().map(|id| ready(id)).collect::<Vec<_>>());
+}
+
 #[test]
 fn the_doctor_names_what_is_missing() {
     let (bench, part) = bench();

@@ -57,21 +57,17 @@ pub fn run(file: &ShopFile, once: bool) -> Result<(), NumberedError> {
     if !once && let Some(link) = link.take() {
         link.run(file);
     }
+    let mut receive = || link.as_mut().map_or(Ok(false), BrokerLink::once);
+    receive()?;
     loop {
-        let has_received = match &mut link {
-            Some(link) => link.once()?,
-            None => false,
-        };
         agent.submit_watched()?;
         agent.take()?;
         agent.check()?;
         OpenLedger::open(&agent.machine.ledger())?.record_ended_runs()?;
         let is_standing = agent.watch.as_ref().is_some_and(FolderWatch::has_standing_files);
+        // what was taken and checked is told, and there may be room for more
+        let has_received = receive()?;
         if once && !has_received && (!is_standing || began.elapsed() > MAX_STANDING_WAIT) {
-            // what was taken and checked is told
-            if let Some(link) = &mut link {
-                link.once()?;
-            }
             return agent.check_error.map_or(Ok(()), Err);
         }
         std::thread::sleep(if is_standing { STANDING_INTERVAL } else { POLL_INTERVAL });

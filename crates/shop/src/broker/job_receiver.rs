@@ -37,6 +37,8 @@ const RETRY_INTERVAL: Duration = Duration::from_secs(30);
 const MAX_ATTEMPTS: u32 = 5;
 /// Most jobs that wait to be tried again; beyond them no further message is read.
 const MAX_WAITING: usize = 1000;
+/// Most jobs in the queue of the machine: its inbox may have no room for them.
+const MAX_QUEUED: usize = 20;
 /// Most messages that are read in one pass.
 const MAX_PER_PASS: usize = 10_000;
 
@@ -127,7 +129,8 @@ impl JobReceiver {
         for _ in 0..MAX_PER_PASS {
             let (target, next) = self.feeds[feed].clone();
             let is_group = matches!(target, JobTarget::Group(_));
-            if self.waiting.len() >= MAX_WAITING || (is_group && !self.is_idle()?) {
+            let is_full = self.waiting.len() >= MAX_WAITING || JobQueue::of(&self.machine).ids()?.len() >= MAX_QUEUED;
+            if is_full || (is_group && !self.is_idle()?) {
                 return Ok(());
             }
             let request = stream.direct_get_builder().sequence(next).next_by_subject(job_subject(&target)).send();
@@ -164,7 +167,7 @@ impl JobReceiver {
     ) -> Result<(), NumberedError> {
         match message {
             ShopMessage::Job { job } => self.receive(broker, *job, from, 0, news),
-            ShopMessage::Recall { target, id, job } => self.recall(broker, (&target, id, job), from, news),
+            ShopMessage::Recall { id, job, job_target, .. } => self.recall(broker, (&job_target, id, job), from, news),
             ShopMessage::Say { id, text, .. } => {
                 if self.is_handled(id)? {
                     return Ok(());
@@ -240,6 +243,13 @@ impl JobReceiver {
         // the queue first: what is taken meanwhile is in the ledger then
         if Ledger::read(&self.machine.ledger())?.job(id).is_some() {
             self.known.insert(id);
+            return Ok(());
+        }
+        // before the claim: another machine of the group may have room
+        if let Err(refusal) = queue.check_room(0, self.limits) {
+            news.push(BrokerNews::Refused(refusal));
+            let next = Instant::now() + 2 * RETRY_INTERVAL;
+            self.waiting.insert(id, WaitingJob { job, from, attempts, next });
             return Ok(());
         }
         let name = self.machine.name().clone();

@@ -145,8 +145,11 @@ impl Outbox {
     ) -> Result<Claiming, NumberedError> {
         let claims = Claims::open(broker)?;
         let claiming = claims.claim(target, job, None, ClaimState::Returned)?;
-        if let Claiming::Others(Claim { state: ClaimState::Claimed | ClaimState::Taken, .. }) = &claiming {
-            publish(broker, &ShopMessage::Recall { target: target.clone(), id: ShopJobId::new_now()?, job })?;
+        if let Claiming::Others(Claim { state: ClaimState::Claimed | ClaimState::Taken, machine }) = &claiming {
+            // to the machine itself: what is for its groups it reads only when it has nothing to do
+            let holder = machine.clone().map_or_else(|| target.clone(), JobTarget::Machine);
+            let (id, job_target) = (ShopJobId::new_now()?, target.clone());
+            publish(broker, &ShopMessage::Recall { target: holder, id, job, job_target })?;
         }
         Ok(claiming)
     }

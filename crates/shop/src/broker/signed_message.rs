@@ -32,12 +32,14 @@ pub enum ShopMessage {
     },
     /// The machine is to give a job back, if it is neither running nor interrupted (SHP-14).
     Recall {
-        /// Machine or group that the job was for.
+        /// Machine that has the job, or that is to have it.
         target: JobTarget,
         /// Identity of the message, so that it is obeyed once.
         id: ShopJobId,
         /// The job.
         job: ShopJobId,
+        /// Machine or group that the job was for.
+        job_target: JobTarget,
     },
     /// A text for the operator (SHP-13).
     Say {
@@ -176,6 +178,7 @@ mod tests {
                 target: JobTarget::Group(MachineName::local()),
                 id: job(1, ContentHash::of(b"")).id,
                 job: job(2, ContentHash::of(b"")).id,
+                job_target: JobTarget::Group(MachineName::local()),
             },
             ShopMessage::Say {
                 target: JobTarget::Machine(MachineName::local()),
