@@ -9,6 +9,8 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use retrace_task_support::tools;
+
 /// A message as it came.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MqttMessage {
@@ -183,7 +185,7 @@ impl Mosquitto {
     /// Where it cannot be started.
     #[must_use]
     pub fn start(folder: &Path, lines: &str) -> Option<Self> {
-        let program = program()?;
+        let program = tools::server("mosquitto")?;
         let port = free_port();
         let config = folder.join("mosquitto.conf");
         let access = if lines.contains("allow_anonymous") { "" } else { "allow_anonymous true\n" };
@@ -207,7 +209,7 @@ impl Mosquitto {
     /// # Panics
     /// Where it is not installed any more.
     pub fn restart(&mut self) {
-        self.child = spawn(&program().expect("it is installed"), &self.config);
+        self.child = spawn(&tools::server("mosquitto").expect("it is installed"), &self.config);
     }
 }
 
@@ -222,12 +224,6 @@ fn spawn(program: &Path, config: &Path) -> Child {
     let mut command = Command::new(program);
     command.arg("-c").arg(config).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     command.spawn().expect("the broker runs")
-}
-
-fn program() -> Option<PathBuf> {
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let folders = std::env::split_paths(&path).chain([PathBuf::from("/usr/sbin")]);
-    folders.map(|folder| folder.join("mosquitto")).find(|program| program.is_file())
 }
 
 /// A port of this computer that nobody has.

@@ -10,36 +10,30 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use retrace_task_support::tools;
+
 use crate::command::{Bench, CommandOutput, binary};
+use crate::mqtt_client::free_port;
 use crate::not_run::not_run;
 
 /// A server with the computers of a shop.
 pub struct ShopBroker<'a> {
     bench: &'a Bench,
+    program: PathBuf,
     port: u16,
     config: PathBuf,
     server: Option<Child>,
     agents: Vec<(String, Child)>,
 }
 
-/// Whether a nats-server is installed; otherwise the test is reported as not run.
+/// The nats-server that is installed; where none is, the test is reported as not run.
 #[must_use]
-pub fn has_nats_server(test: &str) -> bool {
-    let found = Command::new("nats-server").arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
-    if found.is_ok_and(|status| status.success()) {
-        return true;
+pub fn nats_server(test: &str) -> Option<PathBuf> {
+    let found = tools::server("nats-server");
+    if found.is_none() {
+        not_run(test, "nats-server is not installed");
     }
-    not_run(test, "no nats-server");
-    false
-}
-
-/// A port on which nobody listens.
-///
-/// # Panics
-/// Where the system has none.
-#[must_use]
-pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a port").port()
+    found
 }
 
 impl<'a> ShopBroker<'a> {
@@ -82,9 +76,7 @@ impl<'a> ShopBroker<'a> {
     }
 
     fn prepare(test: &str, bench: &'a Bench, machines: &[&str], more: &[&str]) -> Option<Self> {
-        if !has_nats_server(test) {
-            return None;
-        }
+        let program = nats_server(test)?;
         let port = free_port();
         let listen = format!("127.0.0.1:{port}");
         let folder = bench.path("shop");
@@ -99,7 +91,7 @@ impl<'a> ShopBroker<'a> {
         let text = fs::read_to_string(&host).expect("a shop file");
         fs::write(&host, format!("root = \"host-root\"\n{text}")).expect("written");
         let config = bench.path("shop/nats-server.conf");
-        Some(Self { bench, port, config, server: None, agents: Vec::new() })
+        Some(Self { bench, program, port, config, server: None, agents: Vec::new() })
     }
 
     fn run(mut self) -> Self {
@@ -115,7 +107,7 @@ impl<'a> ShopBroker<'a> {
     /// Where it does not within 10 s.
     pub fn start_server(&mut self) {
         let log = fs::File::create(self.bench.path("nats.log")).expect("a log");
-        let mut command = Command::new("nats-server");
+        let mut command = Command::new(&self.program);
         command.arg("-c").arg(&self.config).stdin(Stdio::null()).stdout(log.try_clone().expect("a log")).stderr(log);
         self.server = Some(command.spawn().expect("it runs"));
         let until = Instant::now() + Duration::from_secs(10);

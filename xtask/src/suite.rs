@@ -158,12 +158,12 @@ fn browser_step(root: &Path, settings: &Settings) -> Outcome {
 fn peers_missing() -> Vec<&'static str> {
     let is_there = tools::on_path("rs274").is_some();
     let programs = std::env::var_os("RETRACE_PROGRAMS").is_some();
-    // Debian installs it where not every user looks.
-    let broker = tools::on_path("mosquitto").is_some() || Path::new("/usr/sbin/mosquitto").is_file();
+    let is_installed = |server| tools::server(server).is_some();
     let peers = [
         (is_there, "rs274 (LinuxCNC) is not on PATH"),
         (programs, "RETRACE_PROGRAMS names no folder of programs"),
-        (broker, "mosquitto is not installed"),
+        (is_installed("mosquitto"), "mosquitto is not installed"),
+        (is_installed("nats-server"), "nats-server is not installed"),
     ];
     peers.into_iter().filter(|(is_there, _)| !is_there).map(|(_, missing)| missing).collect()
 }

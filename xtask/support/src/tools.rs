@@ -2,7 +2,7 @@
 //!
 //! Invariant: the search for a program starts nothing that could download one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// The folder of optional tools, if there is one.
@@ -21,6 +21,11 @@ pub fn program(name: &str) -> Option<PathBuf> {
 pub fn on_path(name: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file())
+}
+
+/// A server by its name, on PATH or where Debian installs servers, which is not on the PATH of every user.
+pub fn server(name: &str) -> Option<PathBuf> {
+    on_path(name).or_else(|| Some(Path::new("/usr/sbin").join(name)).filter(|path| path.is_file()))
 }
 
 /// rust-lld of the toolchain.
