@@ -145,8 +145,9 @@ fn browser_step(root: &Path, settings: &Settings) -> Outcome {
     let list = root.join("target/browser-not-run.txt");
     // a list of the run before would be counted again
     let _ = std::fs::remove_file(&list);
-    let mut command = process::cargo(root, &["test", "--package", "retrace-tests", "--test", "browser"]);
-    command.args(["--", "--test-threads", &BROWSERS.to_string()]);
+    // the packages of the step `test`: with one package alone some dependencies would be compiled once more
+    let mut command = process::cargo(root, &["test"]);
+    command.args(TESTED).args(["--test", "browser", "--", "--test-threads", &BROWSERS.to_string()]);
     if settings.require_peers {
         command.env("RETRACE_REQUIRE_PEERS", "1");
     }

@@ -12,7 +12,7 @@ use super::threads;
 use super::tools::CbmcTools;
 use retrace_task_support::process::{self, Ended};
 use retrace_task_support::tree;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Mutex;
@@ -45,8 +45,8 @@ struct Copy {
     folder: PathBuf,
 }
 
-/// Runs the mutants of the rows against their killers. A quick run tries the first of each row, and none of the thread
-/// models, which a copy of the checkout takes minutes to build.
+/// Runs the mutants of the rows against their killers. A quick run tries the first of each source file, and none of the
+/// thread models, which a copy of the checkout takes minutes to build.
 pub(crate) fn run(job: &Job<'_>) {
     let trials = trials(job);
     let is_model = |trial: &Trial<'_>| matches!(trial.killer, Killer::Model(_));
@@ -118,16 +118,17 @@ fn of_proof(mutant: &Mutant, proof: Proof) -> (Verdict, String) {
 
 fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
     let few = job.quick && !job.is_slice;
-    let mut trials = Vec::new();
+    let (mut trials, mut files) = (Vec::new(), BTreeSet::new());
     for row in &job.rows {
-        for (number, mutant) in row.mutants.iter().enumerate() {
+        for mutant in &row.mutants {
             let model = row.models.iter().find(|model| model.test == mutant.killer);
             let killer = match model.and_then(|model| Engine::named(&model.engine)) {
                 Some(engine) => Killer::Model(engine),
                 None if row.harnesses.iter().any(|harness| harness.name == mutant.killer) => Killer::Harness,
                 None => Killer::Search,
             };
-            if !few || number == 0 && !matches!(killer, Killer::Model(_)) {
+            let is_model = matches!(killer, Killer::Model(_));
+            if !few || !is_model && files.insert(&mutant.file) {
                 trials.push(Trial { mutant, killer });
             } else if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
                 // one that is not tried must apply nevertheless

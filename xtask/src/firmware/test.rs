@@ -4,6 +4,9 @@
 
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
 use std::time::Duration;
 
 use super::build::{self, Board, Build};
@@ -43,7 +46,10 @@ impl From<Result<bool, String>> for Ended {
 const UNIT_TESTS_RP2350: [&str; 7] = ["test", "--locked", "--lib", "--quiet", "--features", "rp2350", "rp2040"];
 
 /// A check: its name, the tools that it needs or which of them is missing, and what does it.
-type Check<'a> = (&'a str, Result<(), String>, &'a dyn Fn(&Path) -> Result<bool, String>);
+type Check<'a> = (&'a str, Result<(), String>, &'a (dyn Fn(&Path) -> Result<bool, String> + Sync));
+
+/// Number of the last checks that are run two at a time: each emulates a Pico, in one thread and in time of its own.
+const EMULATED: usize = 4;
 
 pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
@@ -61,25 +67,41 @@ pub(super) fn run(root: &Path) -> Verdict {
         ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),
         ("pins of the Pico against the simulator", rp2040js, &pico::comparison),
     ];
-    let mut verdict = Verdict { passed: true, remark: String::new() };
-    for (name, tools, check) in checks {
-        let ended = match tools {
-            Ok(()) => check(root).into(),
-            Err(missing) => Ended::NotRun(missing),
-        };
-        let said = match ended {
-            Ended::Passed => format!("{name} passed"),
-            Ended::NotRun(missing) => format!("{name} NOT RUN: {missing}"),
-            Ended::Failed(reason) => {
-                verdict.passed = false;
-                format!("{name} FAILED: {reason}")
-            }
-        };
-        println!("firmware: {said}");
-        verdict.remark += if verdict.remark.is_empty() { "" } else { ", " };
-        verdict.remark += &said;
-    }
-    verdict
+    let (one_by_one, emulated) = checks.split_at(checks.len() - EMULATED);
+    let mut told: Vec<(bool, String)> = one_by_one.iter().map(|check| run_check(root, check)).collect();
+    let (next, ended) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let number = next.fetch_add(1, Ordering::Relaxed)
+                    && let Some(check) = emulated.get(number)
+                {
+                    let one = run_check(root, check);
+                    ended.lock().unwrap_or_else(PoisonError::into_inner).push((number, one));
+                }
+            });
+        }
+    });
+    let mut ended = ended.into_inner().unwrap_or_else(PoisonError::into_inner);
+    ended.sort_by_key(|(number, _)| *number);
+    told.extend(ended.into_iter().map(|(_, one)| one));
+    let passed = told.iter().all(|(passed, _)| *passed) && told.len() == checks.len();
+    Verdict { passed, remark: told.into_iter().map(|(_, said)| said).collect::<Vec<String>>().join(", ") }
+}
+
+/// Runs a check. Returns whether nothing failed, and what is said of it.
+fn run_check(root: &Path, (name, tools, check): &Check) -> (bool, String) {
+    let ended = match tools {
+        Ok(()) => check(root).into(),
+        Err(missing) => Ended::NotRun(missing.clone()),
+    };
+    let (passed, said) = match ended {
+        Ended::Passed => (true, format!("{name} passed")),
+        Ended::NotRun(missing) => (true, format!("{name} NOT RUN: {missing}")),
+        Ended::Failed(reason) => (false, format!("{name} FAILED: {reason}")),
+    };
+    println!("firmware: {said}");
+    (passed, said)
 }
 
 /// Runs cargo in the firmware's workspace, for this machine.
@@ -159,7 +181,9 @@ const LIMIT: Duration = Duration::from_secs(300);
 /// Runs a job and reads its report.
 pub(super) fn job(command: &mut Command) -> Result<Report, String> {
     command.arg("--json");
-    let log = std::env::temp_dir().join(format!("retrace-xtask-firmware-{}", std::process::id()));
+    static JOBS: AtomicUsize = AtomicUsize::new(0);
+    let number = JOBS.fetch_add(1, Ordering::Relaxed);
+    let log = std::env::temp_dir().join(format!("retrace-xtask-firmware-{}-{number}", std::process::id()));
     let ended = process::run(command, LIMIT, &log)?;
     for extension in ["out", "err"] {
         // left behind it would only take room

@@ -9,10 +9,10 @@ use clap::Args;
 pub struct Send {
     /// Program.
     pub program: PathBuf,
-    /// Port with its settings, as `serial:PATH?baud=4800&format=7e2`; the others are those of [serial].
+    /// Port with its settings, as `serial:PATH?baud=4800&format=7e2`; the others are those of `[serial]`.
     #[arg(long = "to", value_name = "PORT")]
     pub port: String,
-    /// Machine file with [serial].
+    /// Machine file with `[serial]`.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
     /// Send at once, without waiting until the control asks by DC1.

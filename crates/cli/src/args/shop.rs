@@ -199,7 +199,7 @@ pub struct Submit {
     /// The program, then its subprograms.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Machine that the job is for; by default this one. With [broker] in the shop file it can be any machine.
+    /// Machine that the job is for; by default this one. With `[broker]` in the shop file it can be any machine.
     #[arg(long, value_name = "NAME")]
     pub machine: Option<String>,
     /// Group of machines that the job is for: the first one that has nothing to do takes it.
