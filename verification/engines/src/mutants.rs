@@ -45,8 +45,8 @@ struct Copy {
     folder: PathBuf,
 }
 
-/// Runs the mutants of the rows against their killers. A quick run tries the first of each source file, and none of the
-/// thread models, which a copy of the checkout takes minutes to build.
+/// Runs the mutants of the rows against their killers. A quick run tries the first of a row for each source file, and
+/// none of the thread models, which a copy of the checkout takes minutes to build.
 pub(crate) fn run(job: &Job<'_>) {
     let trials = trials(job);
     let is_model = |trial: &Trial<'_>| matches!(trial.killer, Killer::Model(_));
@@ -120,7 +120,7 @@ fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
     let few = job.quick && !job.is_slice;
     let (mut trials, mut files) = (Vec::new(), BTreeSet::new());
     for row in &job.rows {
-        for mutant in &row.mutants {
+        for (number, mutant) in row.mutants.iter().enumerate() {
             let model = row.models.iter().find(|model| model.test == mutant.killer);
             let killer = match model.and_then(|model| Engine::named(&model.engine)) {
                 Some(engine) => Killer::Model(engine),
@@ -128,7 +128,7 @@ fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
                 None => Killer::Search,
             };
             let is_model = matches!(killer, Killer::Model(_));
-            if !few || !is_model && files.insert(&mutant.file) {
+            if !few || number == 0 && !is_model && files.insert(&mutant.file) {
                 trials.push(Trial { mutant, killer });
             } else if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
                 // one that is not tried must apply nevertheless

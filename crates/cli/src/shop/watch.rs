@@ -15,6 +15,8 @@ use super::host::connect;
 use crate::escape;
 use crate::jobs::table;
 
+/// Longest text of a machine in a cell, in characters.
+const MAX_CELL: usize = 40;
 /// Time between two tables.
 const INTERVAL: Duration = Duration::from_secs(1);
 
@@ -57,6 +59,8 @@ fn rows(states: &[(MachineName, MachineState)], now: Timestamp) -> String {
 fn row(name: &MachineName, state: &MachineState, now: Timestamp) -> [String; 9] {
     let age = Duration::from_millis(now.ms().saturating_sub(state.when.ms()));
     let text = |value: Option<String>| value.unwrap_or_default();
+    // what a machine has sent is its own word: one line of bounded length, without the codes of a terminal
+    let sent = |value: &str| escape::name(value).chars().take(MAX_CELL).collect::<String>();
     if age > MAX_STATE_AGE {
         let unknown = [name.to_string(), "not known".into(), duration_text(age)];
         let mut cells: [String; 9] = Default::default();
@@ -69,13 +73,13 @@ fn row(name: &MachineName, state: &MachineState, now: Timestamp) -> [String; 9] 
     });
     [
         name.to_string(),
-        state.state.clone().unwrap_or_else(|| "not operated".into()),
-        text(state.program.as_deref().map(|name| escape::name(name).into_owned())),
+        state.state.as_deref().map_or_else(|| "not operated".into(), sent),
+        text(state.program.as_deref().map(sent)),
         text(state.line.map(|line| line.to_string())),
         text(state.done_percent.map(|done| format!("{done:.0} %"))),
         text(rate),
         text(state.override_percent.map(|percent| format!("{percent:.0} %"))),
-        text(state.alarm.as_ref().map(|(number, _)| number.clone()).or(state.trouble.clone())),
+        text(state.alarm.as_ref().map(|(number, _)| sent(number)).or(state.trouble.as_deref().map(sent))),
         duration_text(Duration::from_millis(now.ms().saturating_sub(state.since.ms()))),
     ]
 }
@@ -96,4 +100,31 @@ fn states_json(states: &[(MachineName, MachineState)]) -> Value {
         value
     };
     json!({ "machines": states.iter().map(one).collect::<Vec<Value>>() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(value: Value) -> MachineState {
+        serde_json::from_value(value).expect("a state")
+    }
+
+    #[test]
+    fn what_a_machine_sends_cannot_write_to_the_terminal_and_an_old_state_is_not_known() {
+        let now = Timestamp::now();
+        let name = MachineName::parse("mill").expect("a name");
+        let hostile = "\u{1b}[2J\nrunning".repeat(100);
+        let sent = state(json!({"when": now, "since": now, "state": hostile, "program": hostile, "line": 7,
+            "done_percent": 12.4, "rate": -0.5, "override_percent": 100.0, "feed": 10.0, "alarm": [hostile, "x"],
+            "pieces": null, "jobs": [0, 0], "trouble": null}));
+        let table = rows(&[(name.clone(), sent.clone())], now);
+        assert_eq!(table.lines().count(), 2, "{table}");
+        assert!(table.chars().all(|letter| letter == '\n' || !letter.is_control()), "{table:?}");
+        assert!(table.lines().all(|line| line.chars().count() < 220), "{table}");
+        assert!(table.contains("\u{2190} 50 %") && table.contains("12 %"), "{table}");
+        let later = Timestamp::from_ms(now.ms() + 16_000);
+        let old = rows(&[(name, sent)], later);
+        assert!(old.contains("not known") && old.contains("16 s") && !old.contains("running"), "{old}");
+    }
 }

@@ -82,7 +82,7 @@ impl Outbox {
     /// Puts a job into the outbox, durably.
     ///
     /// # Errors
-    /// As [`StagedFiles::submit`].
+    /// `E5006` for a job with wrong texts or of another bundle; `E5009`, `E5010`.
     pub fn submit(&self, staged: StagedFiles, job: &ShopJob) -> Result<(), NumberedError> {
         let (mut log, _) = OpenLog::open::<SubmittedJob>(&self.queue.path("submitted"))?;
         log.append(&SubmittedJob { id: job.id, target: job.target.clone(), when: Timestamp::now() })?;
