@@ -279,6 +279,35 @@ fn over_tls_a_server_without_the_certificate_of_the_shop_gets_nothing() {
     assert!(refused.code == Some(2) && refused.err.contains("error[E5035]"), "{}", refused.err);
 }
 
+/// A recall of a job that this machine does not have and may not claim holds up nothing behind it.
+#[test]
+fn a_recall_of_what_a_machine_may_not_claim_holds_up_nothing() {
+    let (bench, part) = bench();
+    let test = "shop_broker::a_recall_of_what_a_machine_may_not_claim_holds_up_nothing";
+    let group = ["--group", "mills=mill-1,mill-2"];
+    let Some(mut broker) = ShopBroker::start(test, &bench, &["mill-1", "mill-2"], &group) else { return };
+    let id = submit(&broker, &part, &["--group", "mills"]);
+    broker.done("mill-1", &["agent", "--once"]);
+    assert_eq!(jobs(&broker, "mill-1"), [ready(&id)]);
+    assert_contains(&broker.done("office", &["recall", &id]), &["asked to give it back"]);
+    // meanwhile the machine has left the group, and lost its ledger
+    fs::remove_dir_all(bench.path("state/retrace/shop/mill-1")).expect("lost");
+    let file = fs::read_to_string(broker.shop_file("mill-1")).expect("a file");
+    let left: String =
+        file.lines().filter(|line| !line.starts_with("groups")).map(|line| format!("{line}\n")).collect();
+    fs::write(broker.shop_file("mill-1"), left).expect("written");
+    broker.kill_server();
+    let (folder, listen) = (bench.path("shop"), format!("127.0.0.1:{}", broker.port()));
+    let folder = folder.to_str().expect("a name");
+    let machines = ["--machine", "mill-1", "--machine", "mill-2", "--group", "mills=mill-2", "--submitter", "office"];
+    let made = bench.retrace([&["shop", "init", folder, "--listen", &listen], &machines[..]].concat());
+    assert_eq!(made.code, Some(0), "{}", made.err);
+    broker.start_server();
+    let next = submit(&broker, &part, &["--machine", "mill-1"]);
+    broker.done("mill-1", &["agent", "--once"]);
+    assert_eq!(jobs(&broker, "mill-1"), [ready(&next)]);
+}
+
 /// What the inbox has no room for stays at the broker, but for a few jobs.
 #[test]
 fn a_full_inbox_leaves_jobs_at_the_broker() {

@@ -199,9 +199,16 @@ impl JobReceiver {
         }
         let claims = Claims::open(broker)?;
         let name = self.machine.name().clone();
-        let is_known = Ledger::read(&self.machine.ledger())?.job(job).is_some();
+        let ledger = Ledger::read(&self.machine.ledger())?;
+        let held = ledger.job(job).map(|held| &held.job.target);
+        // what is not for this machine or its groups it may not claim: asking would be refused again and again
+        let is_mine = self.feeds.iter().any(|(of, _)| of == target);
         // a job that no machine has is not taken any more; one of another machine is that machine's matter
-        if !is_known && let Claiming::Others(_) = claims.claim(target, job, Some(&name), ClaimState::Returned)? {
+        let is_elsewhere = held.is_none()
+            && (!is_mine
+                || matches!(claims.claim(target, job, Some(&name), ClaimState::Returned)?, Claiming::Others(_)));
+        let target = held.unwrap_or(target);
+        if is_elsewhere {
             return self.append_handled(id, from, HandledContent::Recall { job, refused: Some("not here".into()) });
         }
         let refused = give_back(&self.machine, job)?;
@@ -220,8 +227,11 @@ impl JobReceiver {
         let due: Vec<ShopJobId> =
             self.waiting.iter().filter(|(_, waiting)| waiting.next <= now).map(|(id, _)| *id).collect();
         for id in due {
-            if let Some(WaitingJob { job, from, attempts, .. }) = self.waiting.remove(&id) {
-                self.receive(broker, job, from, attempts, news)?;
+            let Some(WaitingJob { job, from, attempts, .. }) = self.waiting.remove(&id) else { continue };
+            if let Err(error) = self.receive(broker, job.clone(), from.clone(), attempts, news) {
+                // its message was read: only here it is still known
+                self.waiting.insert(id, WaitingJob { job, from, attempts, next: now + RETRY_INTERVAL });
+                return Err(error);
             }
         }
         Ok(())
