@@ -279,7 +279,7 @@ fn over_tls_a_server_without_the_certificate_of_the_shop_gets_nothing() {
     assert!(refused.code == Some(2) && refused.err.contains("error[E5035]"), "{}", refused.err);
 }
 
-/// A recall of a job that this machine does not have and may not claim holds up nothing behind it.
+/// A machine has left a group: what it may not claim any more, whether it has the job or not, holds up nothing.
 #[test]
 fn a_recall_of_what_a_machine_may_not_claim_holds_up_nothing() {
     let (bench, part) = bench();
@@ -290,8 +290,7 @@ fn a_recall_of_what_a_machine_may_not_claim_holds_up_nothing() {
     broker.done("mill-1", &["agent", "--once"]);
     assert_eq!(jobs(&broker, "mill-1"), [ready(&id)]);
     assert_contains(&broker.done("office", &["recall", &id]), &["asked to give it back"]);
-    // meanwhile the machine has left the group, and lost its ledger
-    fs::remove_dir_all(bench.path("state/retrace/shop/mill-1")).expect("lost");
+    // meanwhile the machine has left the group
     let file = fs::read_to_string(broker.shop_file("mill-1")).expect("a file");
     let left: String =
         file.lines().filter(|line| !line.starts_with("groups")).map(|line| format!("{line}\n")).collect();
@@ -304,8 +303,14 @@ fn a_recall_of_what_a_machine_may_not_claim_holds_up_nothing() {
     assert_eq!(made.code, Some(0), "{}", made.err);
     broker.start_server();
     let next = submit(&broker, &part, &["--machine", "mill-1"]);
+    let agent = broker.retrace("mill-1", &["agent", "--once"]);
+    assert!(agent.code == Some(0) && agent.err.contains("error[E5038]"), "its claim stays: {}", agent.err);
+    assert_eq!(jobs(&broker, "mill-1"), [(id, "returned".to_owned()), ready(&next)]);
+    // and with its ledger it has lost the job
+    fs::remove_dir_all(bench.path("state/retrace/shop/mill-1")).expect("lost");
+    let last = submit(&broker, &part, &["--machine", "mill-1"]);
     broker.done("mill-1", &["agent", "--once"]);
-    assert_eq!(jobs(&broker, "mill-1"), [ready(&next)]);
+    assert_eq!(jobs(&broker, "mill-1"), [ready(&last)]);
 }
 
 /// What the inbox has no room for stays at the broker, but for a few jobs.

@@ -207,15 +207,16 @@ impl JobReceiver {
         let is_elsewhere = held.is_none()
             && (!is_mine
                 || matches!(claims.claim(target, job, Some(&name), ClaimState::Returned)?, Claiming::Others(_)));
-        let target = held.unwrap_or(target);
         if is_elsewhere {
             return self.append_handled(id, from, HandledContent::Recall { job, refused: Some("not here".into()) });
         }
         let refused = give_back(&self.machine, job)?;
         if refused.is_none() {
             self.waiting.remove(&job);
-            claims.set(target, job, &name, ClaimState::Returned)?;
-            self.claims.insert(job, ClaimState::Returned);
+            // the claim of a job of the ledger follows with the others
+            if held.is_none() {
+                claims.set(target, job, &name, ClaimState::Returned)?;
+            }
             news.push(BrokerNews::GivenBack(job, from.clone()));
         }
         let refused = refused.map(|state| state.word().to_owned());
@@ -342,7 +343,8 @@ impl JobReceiver {
                 Ok(()) => {}
                 // what was given back may be anybody's
                 Err(error) if error.number == "E5039" && state != ClaimState::Taken => {}
-                Err(error) if error.number == "E5039" => news.push(BrokerNews::Refused(error)),
+                // a machine that has left a group may not change its claims: that holds up nothing
+                Err(error) if matches!(error.number, "E5038" | "E5039") => news.push(BrokerNews::Refused(error)),
                 Err(error) => return Err(error),
             }
             self.claims.insert(id, state);
