@@ -234,6 +234,13 @@ fn states_come_from_the_agents_and_age_without_them() {
     assert!(states["machines"][0]["state"].is_null() && states["machines"][0]["machine"] == "mill-1", "{states}");
     broker.kill_agent("mill-1");
     wait_for("the state is old", 25, || broker.done("office", &["watch", "--once"]).contains("not known"));
+    // a command does not say which of two machines of one computer it operates
+    broker.start_agent("mill-1");
+    broker.start_agent("mill-2");
+    wait_for("two machines", 20, || {
+        let states = broker.done("office", &["watch", "--once", "--json"]);
+        states.matches("\"state\":\"not known\"").count() == 2
+    });
 }
 
 /// Runs OpenSSL in the folder of the bench. Returns whether it is installed and succeeded.

@@ -130,12 +130,11 @@ fn report_states(connection: &BrokerConnection, machine: &MachineFolder) {
             (figures, read_at) = (Figures::read(machine), Some(Instant::now()));
         }
         let report = source.read();
-        let state = MachineState {
-            pieces: figures.pieces,
-            jobs: figures.jobs,
-            trouble: figures.trouble.clone(),
-            ..MachineState::of(report, Timestamp::now())
-        };
+        let now = MachineState::of(report, Timestamp::now());
+        // a command does not say which of several machines of this computer it operates
+        let now = if figures.is_alone { now } else { MachineState::not_known(now.when) };
+        let state =
+            MachineState { pieces: figures.pieces, jobs: figures.jobs, trouble: figures.trouble.clone(), ..now };
         if connection.is_connected() {
             // it is sent again
             let _ = sender.pass(connection, &state);
@@ -150,13 +149,17 @@ struct Figures {
     pieces: Option<[u64; 2]>,
     jobs: [u64; 2],
     trouble: Option<String>,
+    /// Whether no other machine has its folder beside that of this one.
+    is_alone: bool,
 }
 
 impl Figures {
     fn read(machine: &MachineFolder) -> Self {
+        let others = machine.path().parent().map(MachineFolder::all);
+        let is_alone = matches!(others, Some(Ok(all)) if all.len() == 1);
         let ledger = match Ledger::read(&machine.ledger()) {
             Ok(ledger) => ledger,
-            Err(error) => return Self { trouble: Some(error.number.to_owned()), ..Self::default() },
+            Err(error) => return Self { trouble: Some(error.number.to_owned()), is_alone, ..Self::default() },
         };
         let good = ledger.jobs().iter().map(|job| u64::from(job.good_pieces_now())).sum();
         let scrap = ledger.jobs().iter().flat_map(|job| &job.runs).filter(|run| run.is_scrap).count() as u64;
@@ -166,6 +169,7 @@ impl Figures {
             pieces: Some([good, scrap]),
             jobs: [count(ShopJobState::Ready), count(ShopJobState::Interrupted)],
             trouble: None,
+            is_alone,
         }
     }
 }

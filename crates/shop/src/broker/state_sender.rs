@@ -73,6 +73,12 @@ impl MachineState {
         }
     }
 
+    /// State of a machine of which nothing is known.
+    #[must_use]
+    pub fn not_known(now: Timestamp) -> Self {
+        Self { state: Some("not known".into()), ..Self::of(&MachineReport::default(), now) }
+    }
+
     fn differs(&self, other: &Self) -> bool {
         let timeless =
             |state: &Self| Self { when: Timestamp::from_ms(0), since: Timestamp::from_ms(0), ..state.clone() };
