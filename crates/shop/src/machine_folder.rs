@@ -58,6 +58,14 @@ impl MachineFolder {
         self.queue().is_dir()
     }
 
+    /// Whether no other machine has its folder in this root. A command does not say which of several machines of one
+    /// computer it operates.
+    #[must_use]
+    pub fn is_alone(&self) -> bool {
+        let others = self.path.parent().map(Self::all);
+        matches!(others, Some(Ok(all)) if all.iter().all(|other| other.name == self.name))
+    }
+
     /// Creates what is missing, for its user only, and makes it durable.
     ///
     /// # Errors

@@ -131,7 +131,6 @@ fn report_states(connection: &BrokerConnection, machine: &MachineFolder) {
         }
         let report = source.read();
         let now = MachineState::of(report, Timestamp::now());
-        // a command does not say which of several machines of this computer it operates
         let now = if figures.is_alone { now } else { MachineState::not_known(now.when) };
         let state =
             MachineState { pieces: figures.pieces, jobs: figures.jobs, trouble: figures.trouble.clone(), ..now };
@@ -149,14 +148,13 @@ struct Figures {
     pieces: Option<[u64; 2]>,
     jobs: [u64; 2],
     trouble: Option<String>,
-    /// Whether no other machine has its folder beside that of this one.
+    /// Whether what a command reports is of this machine.
     is_alone: bool,
 }
 
 impl Figures {
     fn read(machine: &MachineFolder) -> Self {
-        let others = machine.path().parent().map(MachineFolder::all);
-        let is_alone = matches!(others, Some(Ok(all)) if all.len() == 1);
+        let is_alone = machine.is_alone();
         let ledger = match Ledger::read(&machine.ledger()) {
             Ok(ledger) => ledger,
             Err(error) => return Self { trouble: Some(error.number.to_owned()), is_alone, ..Self::default() },

@@ -24,6 +24,8 @@ pub struct MachineObserver<'a> {
     /// Axes of the machine file.
     axes: Vec<ReportedAxis>,
     ledger_read: Option<Instant>,
+    /// Whether what a command reports is of this machine.
+    is_alone: bool,
 }
 
 impl<'a> MachineObserver<'a> {
@@ -38,17 +40,23 @@ impl<'a> MachineObserver<'a> {
             return Err(NumberedError::new("E5001", what, "set HOME or XDG_STATE_HOME"));
         };
         let reader = StateReader::new(state.join("running"));
-        Ok(Self { file, reader, report: MachineReport::default(), axes, ledger_read: None })
+        Ok(Self { file, reader, report: MachineReport::default(), axes, ledger_read: None, is_alone: true })
     }
 
     /// Reads what has come.
     pub fn read(&mut self) {
-        self.reader.read(&mut self.report);
         if self.ledger_read.is_none_or(|read| read.elapsed() >= LEDGER_INTERVAL) {
             self.ledger_read = Some(Instant::now());
+            self.is_alone = self.file.machine_folder().is_alone();
+            if !self.is_alone {
+                self.report.forget();
+            }
             let jobs = ShopJobs::read(self.file).ok();
             self.report.pieces = jobs.as_ref().map(pieces);
             self.report.shop_job = jobs.as_ref().and_then(running_job);
+        }
+        if self.is_alone {
+            self.reader.read(&mut self.report);
         }
     }
 
