@@ -262,4 +262,21 @@ mod tests {
         use Character::{Byte, Damaged};
         assert_eq!(received, [Byte(0x41), Byte(0xFF), Damaged, Byte(0), Damaged, Byte(0x43)]);
     }
+
+    /// Whatever a pseudo-terminal takes at once, no more is written than the line sends in the time, and two.
+    #[test]
+    #[cfg(unix)]
+    fn a_program_is_sent_no_faster_than_its_line() {
+        let pty = crate::Pty::open().expect("a pseudo-terminal");
+        let format = CharacterFormat { baud: 1200, bits: 7, parity: ParityBit::Even, stop: 2 };
+        assert_eq!(format.character_ns(), 9_166_666);
+        let mut port = ProgramPort::open(pty.path(), format).expect("a port");
+        let (began, mut sent) = (Instant::now(), 0_u64);
+        while began.elapsed() < Duration::from_millis(200) {
+            sent += u64::from(port.send_paced(b'x').expect("a line"));
+            let could = began.elapsed().as_nanos() as u64 / format.character_ns();
+            assert!(sent <= could + 2, "{sent} of {could}");
+        }
+        assert!(sent >= 2, "{sent}");
+    }
 }
