@@ -41,6 +41,7 @@ const ARGUMENTS: &[&str] = &[
     // The picture is made in software, as on a machine without a graphics card; shared memory of containers is small.
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",
     "--disable-dev-shm-usage",
     "--force-color-profile=srgb",
     "--font-render-hinting=none",

@@ -17,6 +17,8 @@ import { sign } from './signs.js';
 const MAX_VERTICES_SOFTWARE = 70_000;
 const MAX_VERTICES = 1_000_000;
 const LOCATE_MS = 120;
+/** Interval of pictures of the moving tool where the path is drawn on the CPU, which has the rest of the page to draw too. */
+const LIVE_MS_SOFTWARE = 32;
 const FIT_MARGIN_MM = 1;
 /** Room for the legend above and the tools below, in pixels. */
 const FIT_TOP = 30,
@@ -32,7 +34,7 @@ const STATE_COLOURS = [0, 0, 0, 0];
 /** The path view. `orders` asks which line made a record, `contours` is the table of contours. */
 export class PathView {
   constructor(place, store, { connection, orders, actions, contours }) {
-    Object.assign(this, { store, connection, orders, contours });
+    Object.assign(this, { store, connection, orders, contours, drawnAt: 0 });
     this.camera = new PathCamera();
     this.colours = pathColours();
     this.canvas = element('canvas', { id: 'path-canvas', role: 'img', 'aria-label': 'Tool path' });
@@ -384,10 +386,24 @@ export class PathView {
     });
   }
 
-  /** Shows the newest live figures; called once a frame. */
+  /** Shows the newest live figures; called once a frame. A picture that would be the same is not drawn again. */
   show() {
     this.locateBlock();
-    this.requestFrame();
+    if (this.liveKey() === this.shownLive) return;
+    const wait = this.renderer?.isSoftware ? this.drawnAt + LIVE_MS_SOFTWARE - performance.now() : 0;
+    if (wait <= 0) this.requestFrame();
+    else {
+      this.later ??= setTimeout(() => {
+        this.later = null;
+        this.show();
+      }, wait);
+    }
+  }
+
+  /** What of the live figures is in the picture. */
+  liveKey() {
+    const { live } = this.store;
+    return [live?.record, live?.oldest, live?.reached, ...(live?.mm ?? [])].join();
   }
 
   state() {
@@ -408,6 +424,7 @@ export class PathView {
     if (this.place.offsetParent === null || !this.ratio) return;
     if (this.followsTool && this.store.live) this.camera.reveal(this.toPath(this.xyz(this.store.live.mm)));
     const now = performance.now();
+    Object.assign(this, { drawnAt: now, shownLive: this.liveKey() });
     const most = this.renderer?.isSoftware ? MAX_VERTICES_SOFTWARE : MAX_VERTICES;
     const { chunks, wants } = this.chunks.choose(this.camera, most, now);
     for (const want of wants) this.connection.send(want);

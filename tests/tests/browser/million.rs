@@ -33,7 +33,7 @@ const UPLOADED: usize = 100_000_000;
 const BYTES_PER_S: f64 = 125e6;
 
 /// Pictures of the path and bytes of its buffers, counted where they are made.
-const COUNTERS: &str = r"
+pub(crate) const COUNTERS: &str = r"
 window.picturesPass = true;
 window.drawn = { pictures: 0, bytes: 0, first: null };
 const { viewport, bufferData } = WebGL2RenderingContext.prototype;

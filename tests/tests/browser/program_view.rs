@@ -1,12 +1,38 @@
 //! The path and the listing: each shows what is chosen in the other, and both follow the machine.
 
 use retrace_tests::command::Bench;
-use retrace_tests::page_user::Screen;
+use retrace_tests::page_user::{PageUser, Screen};
 
+use super::million::COUNTERS;
 use super::{Machine, browser, in_control, serve, zigzag};
 
 /// Two lines in a row, from left to right through the middle of the picture.
 const TWO_LINES: &str = "G21 G90 G17 G94 G61\nF3000\nG1 X60\nG1 X120\nM2\n";
+
+/// A picture of the path that would be the same is not drawn again; one that changes is, as long as it does.
+#[test]
+fn a_standing_machine_is_drawn_once() {
+    let Some(mut browser) = browser() else { return };
+    let bench = Bench::new();
+    let server = serve(&bench, &zigzag(90), &[]);
+    let mut user = PageUser::new(&mut browser, Screen::TABLET);
+    let script = serde_json::json!({"source": COUNTERS});
+    user.page().call("Page.addScriptToEvaluateOnNewDocument", script);
+    user.sign_in(&server);
+    user.wait_for_text("#control-button", "in control");
+    user.wait_for_word("READY");
+    let pictures_in = |user: &mut PageUser, time_s: u64| {
+        let before = user.evaluate("drawn.pictures").as_u64();
+        std::thread::sleep(std::time::Duration::from_secs(time_s));
+        user.evaluate("drawn.pictures").as_u64().zip(before).map(|(after, before)| after - before)
+    };
+    // What still comes of the program is drawn first.
+    pictures_in(&mut user, 2);
+    assert!(pictures_in(&mut user, 3) <= Some(2), "the machine stands, and so does the picture");
+    user.tap(".motion.start", "");
+    let pictures = pictures_in(&mut user, 3);
+    assert!(pictures >= Some(6), "the machine moves: {pictures:?} pictures");
+}
 
 /// A tap on the path chooses its line, and a tap on a line its path.
 #[test]
