@@ -134,7 +134,30 @@ fn it_begins_at_its_angle(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
+/// In, through the turn and out: at every place the cursor was moved by the distance to it, whatever the angles were,
+/// and by nothing where the beginning is passed backward, which ends the tap; there the angle is before it.
+fn a_tap_returns<const PERIODS: u32>(c: &mut impl Choice) -> Option<()> {
+    let (mut gear, anchor) = engaged(c, 100)?;
+    let (mut sum, mut deepest, mut period) = (Distance::ZERO, Distance::ZERO, 0);
+    while period < PERIODS {
+        let angle = anchor + c.between(-(1 << 13), 1 << 13);
+        let step = gear.run_period(angle, [0, 100], Rate::ONE);
+        sum += step.moved;
+        holds!(sum == gear.at());
+        cover!(c, Backward, step.moved < Distance::ZERO);
+        cover!(c, AtEnd, gear.has_passed_beginning() && deepest > Distance::ZERO);
+        if gear.has_passed_beginning() {
+            holds!(sum == Distance::ZERO && angle < anchor);
+            return Some(());
+        }
+        deepest = if sum > deepest { sum } else { deepest };
+        period += 1;
+    }
+    Some(())
+}
+
 harnesses! {
+    gear_tap, unwind 5, covers [Backward, AtEnd] => |c| a_tap_returns::<4>(c);
     gear_counter, unwind 2, covers [Wrapped, Backward, Refused] => |c| the_counter_wraps(c);
     gear_place, unwind 2, covers [Backward, Split] => |c| the_place_is_the_quotient(c);
     gear_limits, unwind 5, covers [Limited, Refused, AtEnd, Backward] => |c| limits_hold::<4>(c);
@@ -195,6 +218,52 @@ fn walks_return(size: Size) -> String {
     }
     assert!(lost > 0);
     format!("{runs} walks of 300 angles, {lost} periods with a lag beyond the tolerance")
+}
+
+/// Taps over drawn records: in, through the turn and out with any lag, the axes are at every place where the records
+/// have them, the same on both ways, and where it began in the end.
+#[cfg(not(any(kani, verify_wasm)))]
+fn taps_return(size: Size) -> String {
+    use retrace_core::playback::emission;
+    use retrace_core::{Place, Record, RecordIndex};
+    let mut draw = crate::native::Draw::new(size.seed);
+    let runs = if size.full { 20_000 } else { 2_000 };
+    let mut pulses = 0u64;
+    for run in 0..runs {
+        let (counts, records) = (4 + draw.below(1 << 13), 2 + draw.below(200));
+        let Some(ratio) = GearRatio::new(counts, records as u16) else { panic!("{counts} {records}") };
+        let turn = ratio.turn();
+        let limits = GearLimits { rate: Rate::ONE, near_end: Distance::ZERO, tolerance: Distance::RECORD };
+        let length = 20 + draw.below(200);
+        let path: Vec<Record<1>> =
+            (0..length).map(|_| Record { increments: [draw.between(-40, 40) as i16], ..Record::default() }).collect();
+        let start = Place::start_of(RecordIndex::new(if run % 2 == 0 { 0 } else { u32::MAX - 10 }));
+        let pulses_to = |from: Place, to: Place| {
+            let sum = emission(from, to, |n| path.get(n.since(start.record) as usize));
+            sum.map_or_else(|| panic!("{counts} {records}: beyond the records"), |[sum]| sum)
+        };
+        let Some(mut gear) = Gear::engage(ratio, (length, false), limits, 0, [-1, turn]) else {
+            panic!("a whole turn")
+        };
+        let (mut count, mut place) = (0, start);
+        let deepest = ratio.angle_of(Distance::records(i64::from(length / 2)));
+        let change = Rate::from_units(draw.between(1 << 26, 1 << 31));
+        // Half a record per period on the way in and out, with jitter; then at rest before the beginning.
+        let half = (turn / i64::from(2 * records)).max(1);
+        let periods = deepest / half;
+        for period in 0..2 * periods + 4_000 {
+            let way = if period < periods { period } else { (2 * periods - period).max(-1) };
+            let angle = gear.anchor() + way * half + if way < 0 { -turn } else { draw.between(-half, half) };
+            let step = gear.run_period(angle, [0, length], change);
+            let to = place.moved(step.moved);
+            let emitted = pulses_to(place, to);
+            (count, place) = (count + emitted, to);
+            pulses += emitted.unsigned_abs();
+            assert_eq!(count, pulses_to(start, place), "{counts} {records}");
+        }
+        assert!(gear.has_passed_beginning() && count == 0 && place == start, "{counts} {records}: {place:?} {count}");
+    }
+    format!("{runs} taps, {pulses} pulses in and out")
 }
 
 /// The rows of this module.
@@ -329,6 +398,37 @@ pub const ROWS: &[Row] = &[
                 find: "let ahead = if ahead == 0 { ratio.turn } else { ahead };",
                 put: "",
                 killer: "gear_begins",
+            },
+        ],
+    },
+    Row {
+        name: "gear-tap",
+        says: "In, through the turn and out of a tap the cursor was moved at every place by the distance to it, whatever \
+            angles led there, and by nothing where the beginning is passed backward; so the axes are at the same counts \
+            at a place on both ways, and where they began in the end",
+        requirement: "SPN-19, SPN-26 (gear-tap)",
+        bound: "four periods with any angles within ±2¹³ units, six records, at 48 records in 256 counts; natively \
+            drawn taps over drawn records, up to 200 of them",
+        assumes: "counts are a function of the place (playback-sums)",
+        suffices: "the sum changes by what the cursor moves in a period, and four periods reach the way in, the turn, \
+            the way out and the beginning",
+        harnesses: &["gear_tap"],
+        searches: &[Search { name: "gear-taps", run: taps_return }],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "what is emitted is not what was moved at the beginning of the stretch",
+                file: "crates/core/src/gear.rs",
+                find: "self.moved = to - self.at;\n        self.at = to;\n        self.stepped()",
+                put: "self.moved = moved;\n        self.at = to;\n        self.stepped()",
+                killer: "gear_tap",
+            },
+            Mutant {
+                name: "a tap is over where it begins",
+                file: "crates/core/src/gear.rs",
+                find: "self.at == Distance::ZERO && self.due < Distance::ZERO",
+                put: "self.at == Distance::ZERO",
+                killer: "gear_tap",
             },
         ],
     },

@@ -116,6 +116,7 @@ const MODULES: &[Module] = modules! {
     shipped_threads,
     fine,
     gear,
+    probing,
     frames,
     steps,
     permit,

@@ -30,6 +30,7 @@ pub mod modes;
 pub mod native;
 pub mod permit;
 pub mod playback;
+pub mod probing;
 pub mod protocol;
 pub mod rate;
 #[cfg(not(any(kani, verify_wasm)))]

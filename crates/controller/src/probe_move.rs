@@ -8,7 +8,7 @@
 //! where the move began to where the machine came to rest.
 
 use retrace_config::MachineConfig;
-use retrace_core::playback::emission;
+use retrace_core::playback::executed_increments;
 use retrace_core::{Distance, Flags, Place, Record, RecordIndex};
 use retrace_gcode::Probing;
 use retrace_motion::{FeedRate, LimitError, PathMode, Planner};
@@ -71,11 +71,7 @@ impl ProbeMove {
                 {
                     planned.push(record);
                 }
-                let sum = emission(place, to, |n| planned.get(n.number() as usize))?;
-                let mut increments = [0; A];
-                for (slot, pulses) in increments.iter_mut().zip(sum) {
-                    *slot = i16::try_from(pulses).ok()?;
-                }
+                let increments = executed_increments(place, to, |n| planned.get(n.number() as usize))?;
                 executed.push(Record { increments, flags: Flags::PROBING, ..Record::default() });
                 place = to;
             }
@@ -132,6 +128,7 @@ pub(crate) fn highest_feed_mm_s<const A: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retrace_core::playback::emission;
 
     fn down() -> (MachineConfig, ProbeMove) {
         let machine = MachineConfig::built_in().expect("valid");

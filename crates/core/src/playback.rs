@@ -60,6 +60,23 @@ pub fn emission<'a, const A: usize>(
     Some(sum)
 }
 
+/// Returns the pulses of a control period in which the cursor moved between two places, as increments of one record of
+/// the path that was executed. Returns `None` if a record is missing, or if an axis has more pulses than a record holds.
+///
+/// Period by period, the sum of these records is the position at the place reached, exactly: nothing that was executed
+/// changes where the rest of the planned path is cut off (PRB-6).
+pub fn executed_increments<'a, const A: usize>(
+    from: Place,
+    to: Place,
+    record: impl FnMut(RecordIndex) -> Option<&'a Record<A>>,
+) -> Option<[i16; A]> {
+    let mut increments = [0; A];
+    for (increment, pulses) in increments.iter_mut().zip(emission(from, to, record)?) {
+        *increment = i16::try_from(pulses).ok()?;
+    }
+    Some(increments)
+}
+
 /// Returns the speed along the path while the cursor moves between two places in one control period, as a share of the
 /// programmed feed in units of 2⁻⁴⁷, not negative; `record` returns the record of a number.
 ///

@@ -114,3 +114,140 @@ impl<const A: usize> PlanWriter<'_, A> {
         Ok(answer)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::sync::mpsc::sync_channel;
+    use std::sync::{Arc, Mutex};
+
+    use proptest::prelude::*;
+    use retrace_config::MachineConfig;
+    use retrace_core::ring::{Cell, Ring};
+    use retrace_core::{Record, RecordIndex};
+    use retrace_gcode::WaitFor;
+    use retrace_journal::{IndexWriter, InputAnswer, TapAnswer};
+    use retrace_motion::{FeedRate, PathMode, Planner};
+
+    use super::*;
+    use crate::plan_item::PathItem;
+    use crate::question::ReadInput;
+
+    const ROOM: u32 = 1 << 14;
+
+    /// A move to X in millimetres, or an input that is read.
+    #[derive(Clone, Copy, Debug)]
+    enum Step {
+        Move(i8),
+        Read(u8),
+    }
+
+    /// Keeps the answers that the planner records.
+    #[derive(Clone, Default)]
+    struct Kept(Arc<Mutex<Vec<ProgramAnswer>>>);
+
+    impl IndexWriter for Kept {
+        fn write(&mut self, entry: IndexEntry) {
+            if let IndexEntry::Answer(answer) = entry {
+                self.0.lock().expect("one thread").push(*answer);
+            }
+        }
+    }
+
+    /// What the program has learned by a plan, and its end; how often the machine was asked, and what was recorded.
+    struct Planned {
+        learned: Vec<i32>,
+        end: Result<(), PlanWriteError>,
+        asked: usize,
+        recorded: Vec<ProgramAnswer>,
+    }
+
+    /// Plans the steps with the answers of an earlier run; behind them the machine answers with `live`.
+    fn plan(steps: &[Step], replayed: &[ProgramAnswer], live: &[i32]) -> Planned {
+        let machine = MachineConfig::built_in().expect("valid");
+        let cells: Box<[Cell<Record<3>>]> = (0..ROOM).map(|_| Cell::default()).collect();
+        let mut ring = Ring::new(cells, 0, ROOM, RecordIndex::new(0)).expect("fits");
+        let (producer, _consumer) = ring.split();
+        let (items, received) = sync_channel(1024);
+        let (answers, receiver) = sync_channel(live.len());
+        for &value in live {
+            answers.send(ProgramAnswer::Input(InputAnswer { block: 0, place: 0, value })).expect("room");
+        }
+        drop(answers);
+        let planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
+        let (cancel, kept) = (AtomicBool::new(false), Kept::default());
+        let mut writer = PlanWriter::new(planner, producer, items, [0; retrace_link::channel::COUNT], &cancel)
+            .with_index(Box::new(kept.clone()), &[0; 3])
+            .with_answers(receiver, replayed);
+        let mut learned = Vec::new();
+        let end = (1u32..).zip(steps).try_for_each(|(line, &step)| {
+            writer.begin_block(u64::from(line));
+            match step {
+                Step::Move(x) => {
+                    writer.straight([f64::from(x), 0.0, 0.0], FeedRate::PerSecond(80.0), PathMode::ExactPath, line)
+                }
+                Step::Read(number) => {
+                    let input = ReadInput::Digital(number);
+                    let question = InputQuestion { input, wait_for: WaitFor::Immediate, timeout_periods: 0 };
+                    writer.read_input(question, line).map(|value| learned.push(value))
+                }
+            }
+        });
+        drop(writer);
+        let asks = |item: &PathItem| matches!(item, PathItem::Exclusive(of) if of.question.is_some());
+        let asked = received.try_iter().filter(asks).count();
+        let recorded = std::mem::take(&mut *kept.0.lock().expect("one thread"));
+        Planned { learned, end, asked, recorded }
+    }
+
+    fn steps() -> impl Strategy<Value = Vec<Step>> {
+        let step = prop_oneof![(-9i8..10).prop_map(Step::Move), (0u8..8).prop_map(Step::Read)];
+        prop::collection::vec(step, 1..14)
+    }
+
+    proptest! {
+        /// Planned again with the answers in the journal, or the first of them, the program asks the same questions,
+        /// the machine is asked only those behind, and the journal has all answers again where it had none.
+        #[test]
+        fn a_plan_with_its_answers_asks_the_same_questions(
+            steps in steps(), live in prop::collection::vec(-1i32..2, 14), kept in any::<prop::sample::Index>(),
+        ) {
+            let first = plan(&steps, &[], &live);
+            let questions = steps.iter().filter(|step| matches!(step, Step::Read(_))).count();
+            prop_assert!(first.end.is_ok(), "{:?}", first.end);
+            prop_assert_eq!((first.asked, first.recorded.len()), (questions, questions));
+            let kept = kept.index(questions + 1);
+            let again = plan(&steps, &first.recorded[..kept], &live[kept..]);
+            prop_assert!(again.end.is_ok(), "{:?}", again.end);
+            prop_assert_eq!(&again.learned, &first.learned);
+            prop_assert_eq!(again.asked, questions - kept);
+            prop_assert_eq!(&again.recorded[..], &first.recorded[kept..]);
+        }
+
+        /// An answer that is missing, at another place, of another block, of another kind, or before its turn is
+        /// refused at its question, and nothing behind it is planned.
+        #[test]
+        fn an_answer_to_another_question_is_refused(
+            steps in steps(), changed in any::<prop::sample::Index>(), kind in 0..5,
+        ) {
+            let first = plan(&steps, &[], &[0; 14]);
+            prop_assume!(first.recorded.len() > 1);
+            let mut answers = first.recorded;
+            let at = changed.index(answers.len() - 1);
+            let ProgramAnswer::Input(answer) = answers[at].clone() else { unreachable!("inputs only") };
+            match kind {
+                0 => { answers.remove(at); }
+                1 => answers.swap(at, at + 1),
+                2 => answers[at] = ProgramAnswer::Input(InputAnswer { place: answer.place + 1, ..answer }),
+                3 => answers[at] = ProgramAnswer::Input(InputAnswer { block: answer.block + 1, ..answer }),
+                _ => {
+                    let (block, place) = (answer.block, answer.place);
+                    answers[at] = ProgramAnswer::Tap(TapAnswer { block, place, turned: 1 });
+                }
+            }
+            let again = plan(&steps, &answers, &[0; 14]);
+            prop_assert!(matches!(again.end, Err(PlanWriteError::AnswerMismatch)), "{:?}", again.end);
+            prop_assert_eq!((again.learned.len(), again.asked), (at, 0));
+        }
+    }
+}
