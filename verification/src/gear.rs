@@ -403,9 +403,9 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gear-tap",
-        says: "In, through the turn and out of a tap the cursor was moved at every place by the distance to it, whatever \
-            angles led there, and by nothing where the beginning is passed backward; so the axes are at the same counts \
-            at a place on both ways, and where they began in the end",
+        says: "In, through the turn and out of a tap the cursor was moved at every place by the distance to it, \
+            whatever angles led there, and by nothing where the beginning is passed backward; so the axes are at the \
+            same counts at a place on both ways, and where they began in the end",
         requirement: "SPN-19, SPN-26 (gear-tap)",
         bound: "four periods with any angles within ±2¹³ units, six records, at 48 records in 256 counts; natively \
             drawn taps over drawn records, up to 200 of them",

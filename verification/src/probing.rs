@@ -11,8 +11,8 @@ use retrace_core::playback::{emission, executed_increments};
 use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{ProbeArming, ProbeLatch, counts_at_edge};
 
-/// The touch is between the counts at both ends of its period, whatever the increment and the part of the period, and is
-/// the count at its end.
+/// The touch is between the counts at both ends of its period, whatever the increment and the part of the period, and
+/// is the count at its end.
 fn the_touch_is_in_its_period(c: &mut impl Choice) -> Option<()> {
     let most = i64::from(u16::MAX);
     let (count, increment) = (c.between(-(1 << 61), 1 << 61), c.between(-most, most));
@@ -187,10 +187,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "ask-path",
-        says: "A probing move becomes records of what was emitted in each of its periods: behind each of them their sum \
-            is the position of the planned path at the place reached, and retraced they return",
+        says: "A probing move becomes records of what was emitted in each of its periods: behind each of them their \
+            sum is the position of the planned path at the place reached, and retraced they return",
         requirement: "PRB-6, PRB-15, SPN-26",
-        bound: "three periods of any sixteenths of a record over two records of up to 3 pulses, from place 0 and over the wrap",
+        bound: "three periods of any sixteenths of a record over two records of up to 3 pulses, from place 0 \
+            and over the wrap",
         assumes: "an axis has no more pulses in a period than a record holds; else the answer is refused",
         suffices: "a period depends on the places at its ends alone, and sums over more records telescope (playback)",
         harnesses: &["ask_path"],

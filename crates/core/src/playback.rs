@@ -61,7 +61,7 @@ pub fn emission<'a, const A: usize>(
 }
 
 /// Returns the pulses of a control period in which the cursor moved between two places, as increments of one record of
-/// the path that was executed. Returns `None` if a record is missing, or if an axis has more pulses than a record holds.
+/// the path that was executed. Returns `None` if a record is missing, or an axis has more pulses than a record holds.
 ///
 /// Period by period, the sum of these records is the position at the place reached, exactly: nothing that was executed
 /// changes where the rest of the planned path is cut off (PRB-6).
