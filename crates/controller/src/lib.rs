@@ -45,6 +45,7 @@ mod job;
 mod jog_mailbox;
 mod jog_planner;
 mod journal_recorder;
+mod kerf_map;
 mod lead_arc;
 mod limit_check;
 mod limit_monitor;

@@ -62,6 +62,8 @@ pub struct ExclusiveInstruction {
     pub restart_layer: Option<LayerMove>,
     /// Control periods by which the pierce of a restart is longer: this start pierces in motion.
     pub restart_pierce: u32,
+    /// Of a start of a cutter: width in µm of the kerf that it begins; 0 where the height is not controlled in it.
+    pub kerf_um: Option<u32>,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
     /// The question, of [`ExclusiveKind::OffPath`] and [`ExclusiveKind::Input`].

@@ -20,6 +20,7 @@ use retrace_journal::{LengthChange, MarkDifference, PlaceMark, ProgramAnswer, Re
 use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, SpindleTask, channel};
 
 use crate::approach::approach;
+use crate::kerf_map::KerfReplay;
 use crate::record_streamer::{PassedItem, RecordStreamer};
 use crate::start_line::StartPoint;
 
@@ -276,6 +277,7 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     line: u32,
     mm_per_pulse: [f64; A],
     switched: ReplayedSwitching<'s, 'r, A>,
+    kerfs: KerfReplay<'s>,
     /// The last thread: the place behind it, and its line.
     thread: Option<(RecordIndex, u32)>,
 }
@@ -287,7 +289,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         at: &'s ResumePoint,
         counts: [i64; A],
         mm_per_pulse: [f64; A],
-        switched: ReplayedSwitching<'s, 'r, A>,
+        (switched, kerfs): (ReplayedSwitching<'s, 'r, A>, KerfReplay<'s>),
     ) -> Self {
         let (place, executed) = (at.origin, at.start.executed);
         Self {
@@ -301,6 +303,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             line: 0,
             mm_per_pulse,
             switched,
+            kerfs,
             thread: None,
         }
     }
@@ -392,6 +395,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
                 if let Some(SpindleTask::Gear(start)) = done.spindle {
                     self.thread = Some((done.place + start.length, done.line));
                 }
+                if let Some(kerf_um) = done.kerf_um {
+                    self.kerfs.begin_contour(kerf_um);
+                }
                 (self.switched)(self.streamer, done.place, done.line, &done.changes[..usize::from(done.count)]);
             }
         }
@@ -452,6 +458,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             for (sum, &increment) in self.sum.iter_mut().zip(&record.increments) {
                 *sum += i64::from(increment);
             }
+            self.kerfs.pass(self.place, &self.sum);
             self.line = record.line;
             self.place += 1;
         }

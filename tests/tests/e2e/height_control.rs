@@ -22,7 +22,7 @@ const RISE: f64 = 5.0;
 const HEIGHT: f64 = 1.5;
 const ANALOG: &str = "[[card.analog_input]]\nnumber = 1\nname = \"arc voltage\"\nunit = \"V\"\nat_full = 256\n";
 
-fn bench(height: &str, program: &str) -> Bench {
+pub(crate) fn bench(height: &str, program: &str) -> Bench {
     let bench = Bench::new();
     let cutter = machine(&format!("{SENSE} }}\nheight = {{ volts = 1, {height}"));
     for (name, text) in [("part.ngc", program), ("m.toml", &(cutter + ANALOG)), ("materials.toml", MATERIALS)] {
@@ -50,7 +50,7 @@ fn time_s(sample: &Sample) -> f64 {
 }
 
 /// Where the axis X is, in mm.
-fn x(sample: &Sample) -> f64 {
+pub(crate) fn x(sample: &Sample) -> f64 {
     sample.counts[0] as f64 / 200.0
 }
 
@@ -60,7 +60,7 @@ fn height(sample: &Sample, rise: f64) -> f64 {
     (sample.counts[2] + sample.layer - SHEET) as f64 / TOOL_PULSES - rise
 }
 
-fn is_cutting(pair: &[Sample]) -> bool {
+pub(crate) fn is_cutting(pair: &[Sample]) -> bool {
     pair[0].counts[..2] != pair[1].counts[..2] && pair[0].is_on("spindle") && pair[1].is_on("spindle")
 }
 

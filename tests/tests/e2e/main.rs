@@ -27,6 +27,7 @@ mod ignored_ok;
 mod inputs;
 mod jets;
 mod jumps;
+mod kerfs;
 mod markers;
 #[cfg(unix)]
 mod materials;

@@ -58,7 +58,7 @@ impl<'m> CanonExecutor<'m> {
             let [pierce_s, restart_s] = if self.pierces_in_motion() { [0.0, whole_s] } else { [whole_s, 0.0] };
             let periods = |seconds: f64| if self.machine.skips_waits() { 0 } else { self.periods(seconds) };
             let switching = CodeSwitching { periods: periods(pierce_s), ..self.machine.switching.code("M64") };
-            let start = CutStart { layer: None, restart_pierce: periods(restart_s) };
+            let start = CutStart { layer: None, restart_pierce: periods(restart_s), ..CutStart::default() };
             self.exclusive(of, &[OutputChange { channel, value: 1 }], switching, start, sink)?;
         }
         if self.pierces_at_low_pressure() { self.raise_pressure(of, (cutter, jet), sink) } else { Ok(()) }

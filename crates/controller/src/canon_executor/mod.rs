@@ -10,7 +10,6 @@ mod entered_length;
 mod feed;
 mod feed_override;
 mod jet;
-mod kerf_map;
 mod orient;
 mod probing;
 mod surface_speed;
@@ -34,7 +33,6 @@ use crate::spline::chords;
 use cut_areas::CutAreas;
 use entered_length::LengthCorrection;
 use feed_override::FeedOverrideSwitch;
-use kerf_map::KerfMap;
 use surface_speed::SurfaceSpeed;
 use tool_height::LayerState;
 
@@ -118,8 +116,6 @@ pub(crate) struct CanonExecutor<'m> {
     is_proof_ignored: bool,
     /// Whether the height stays where it is controlled.
     is_height_held: bool,
-    /// Kerfs that the program has cut, where the height is controlled.
-    kerfs: Option<KerfMap>,
     /// The material; `None` without a material table.
     material: Option<Arc<Material>>,
     cutters: CutterTrack,
@@ -173,7 +169,6 @@ impl<'m> CanonExecutor<'m> {
             is_cutter_forbidden: false,
             is_proof_ignored: false,
             is_height_held: false,
-            kerfs: None,
             material: None,
             cutters: CutterTrack::new(machine),
             layer: LayerState::Zero,
@@ -372,9 +367,6 @@ impl<'m> CanonExecutor<'m> {
             self.before_feed(line, sink)?;
         }
         self.layer_before_move(&own, is_rapid, line, sink)?;
-        if !is_rapid {
-            self.hold_over_kerfs(&really, None, line, sink);
-        }
         self.give_line((&self.position(), own), feed, self.path, line, sink)?;
         self.record_move_end(position, &really);
         self.follow_contour();
@@ -434,7 +426,6 @@ impl<'m> CanonExecutor<'m> {
         self.switch_feed_override(line, sink)?;
         self.before_feed(line, sink)?;
         self.layer_before_move(&own.end_mm, false, line, sink)?;
-        self.hold_over_kerfs(&really, Self::flat_arc(arc, &centre), line, sink);
         self.give_arc(&own, line, sink)?;
         self.record_move_end(position, &really);
         if let Some(areas) = self.cut_areas.as_mut().filter(|_| arc.plane == Plane::Xy) {
@@ -471,7 +462,6 @@ impl<'m> CanonExecutor<'m> {
             let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
             let own: [f64; A] = self.machine_coordinates(&really)?;
             // A chord early: the one before is still held back.
-            self.hold_over_kerfs(&really, None, line, sink);
             if let Some(before) = held.replace(own) {
                 self.give_line((&start, before), feed, inside, line, sink)?;
                 start = before;

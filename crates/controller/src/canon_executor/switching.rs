@@ -19,6 +19,8 @@ pub(super) struct CutStart {
     pub(super) layer: Option<[LayerMove; 2]>,
     /// Control periods by which the pierce of a restart is longer.
     pub(super) restart_pierce: u32,
+    /// Width in µm of the kerf that it begins; 0 where the height is not controlled in it.
+    pub(super) kerf_um: Option<u32>,
 }
 
 impl<'m> CanonExecutor<'m> {
@@ -232,9 +234,6 @@ impl<'m> CanonExecutor<'m> {
         if value == 0 && cuts && pause_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
             self.dwell(pause_s, code, line, sink)?;
         }
-        if value == 0 && cuts {
-            self.end_kerf_hold(line, sink);
-        }
         self.spindle_turns = Some(value != 0);
         if channel == channel::SPINDLE {
             self.note_spindle_change(channel);
@@ -298,7 +297,6 @@ impl<'m> CanonExecutor<'m> {
         if allowed {
             return;
         }
-        self.end_kerf_hold(line, sink);
         let machine = self.machine;
         for cutter in machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()) {
             let change = OutputChange { channel: cutter.fire, value: 0 };
@@ -336,8 +334,8 @@ impl<'m> CanonExecutor<'m> {
         if !is_controlled || std::mem::replace(&mut self.is_height_held, held) == held {
             return Ok(());
         }
-        let value = i32::from(held || self.holds_over_kerf());
-        self.switch_in_passing(OutputChange { channel: channel::HEIGHT_HOLD, value }, line, sink)
+        let change = OutputChange { channel: channel::HEIGHT_HOLD, value: i32::from(held) };
+        self.switch_in_passing(change, line, sink)
     }
 
     /// Switches what belongs to a cut: without a stop while a cutter is on.
@@ -473,7 +471,8 @@ impl<'m> CanonExecutor<'m> {
                 let pierces = in_motion && !was_lit && !self.machine.skips_waits();
                 let restart_s = whole_pierce_s.filter(|_| pierces && !self.abrasive_follows(change.channel));
                 let restart_pierce = restart_s.map_or(0, |seconds| self.periods(seconds));
-                let start = CutStart { layer, restart_pierce };
+                let kerf_um = (change.value != 0 && !was_lit && layer.is_some()).then(|| self.kerf_um());
+                let start = CutStart { layer, restart_pierce, kerf_um };
                 self.exclusive((code, line), &[change], switching, start, sink)?;
             }
         }
@@ -495,7 +494,7 @@ impl<'m> CanonExecutor<'m> {
         (code, line): (&'static str, u32),
         changes: &[OutputChange],
         switching: CodeSwitching,
-        CutStart { layer, restart_pierce }: CutStart,
+        CutStart { layer, restart_pierce, kerf_um }: CutStart,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         let CodeSwitching { periods, until, in_reverse, .. } = switching;
@@ -511,6 +510,7 @@ impl<'m> CanonExecutor<'m> {
             layer,
             restart_layer,
             restart_pierce,
+            kerf_um,
             is_barrier: one_way,
             undone_in_reverse: undone,
             question: None,

@@ -51,7 +51,6 @@ impl CanonExecutor<'_> {
         self.layer = LayerState::AtCut;
         let at = self.actual_position();
         self.cut_areas.iter_mut().for_each(|areas| areas.begin([at[Axis::X], at[Axis::Y]]));
-        self.begin_kerf();
         // Where other heights follow beside the motion, that begins at the height of the pierce.
         let first_mm = if self.later_heights(pierce_mm).is_empty() { cut_mm } else { pierce_mm };
         let may_skip = self.skips_sensing(path_mm, layer.sensing().skip_mm);
@@ -62,6 +61,12 @@ impl CanonExecutor<'_> {
         // A restart senses, and what it finds counts for no later start.
         let [now, restart] = [(first_mm, may_skip), (cut_mm, true)];
         Ok(Some([now, restart].map(|(mm, may_skip)| layer.start(path_mm, [pierce_mm, mm], may_skip, control))))
+    }
+
+    /// Width in µm of the kerf that is begun; 0 where its height is not controlled, or its width is not known.
+    pub(super) fn kerf_um(&self) -> u32 {
+        let controlled = self.machine.height_control().and(self.material.as_ref()).filter(|of| of.height_control);
+        controlled.map_or(0, |of| (of.kerf_mm * 1000.0).round() as u32)
     }
 
     /// The move behind the end of a contour: to the safe height, or to the retract height in an area that is cut.

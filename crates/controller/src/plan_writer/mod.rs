@@ -60,6 +60,8 @@ pub struct SwitchInstruction<'c> {
     pub restart_layer: Option<LayerMove>,
     /// Control periods by which the pierce of a restart is longer.
     pub restart_pierce: u32,
+    /// Width in µm of the kerf that it begins.
+    pub kerf_um: Option<u32>,
     /// Whether it is a retrace barrier.
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
@@ -401,6 +403,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             layer,
             restart_layer: switch.restart_layer,
             restart_pierce: switch.restart_pierce,
+            kerf_um: switch.kerf_um,
             is_barrier,
             question: switch.question.map(Box::new),
             spindle: switch.spindle,

@@ -97,6 +97,7 @@ mod tests {
             layer: None,
             restart_layer: None,
             restart_pierce: 0,
+            kerf_um: None,
             is_barrier: false,
             question: None,
             spindle: None,

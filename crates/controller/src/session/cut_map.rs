@@ -9,11 +9,13 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use retrace_config::MachineConfig;
 use retrace_core::{Distance, Place, RecordIndex};
 use retrace_gcode::Side;
 use retrace_journal::RecordRanges;
 
 use crate::contour_list::RestoredContour;
+use crate::kerf_map::KerfMap;
 
 /// Most ranges that are retained, and most contours. Beyond them the oldest are forgotten.
 const MAX_RANGES: usize = 4096;
@@ -87,6 +89,8 @@ pub(super) struct CutMap {
     /// Contours that were begun before the job was left.
     restored: Vec<RestoredContour>,
     burning: Burning,
+    /// Where it was cut.
+    pub(super) kerfs: KerfMap,
 }
 
 /// Whether a cutter burnt in the last control period.
@@ -127,7 +131,14 @@ impl CutMap {
             compensation: None,
             restored: Vec::new(),
             burning: Burning::No,
+            kerfs: KerfMap::new(false),
         }
+    }
+
+    /// Creates an empty map for a machine, with its kerfs where the height is controlled.
+    pub(super) fn of_machine(machine: &MachineConfig) -> Self {
+        let kerfs = KerfMap::new(machine.height_control().is_some());
+        Self { kerfs, ..Self::new(!machine.cutting_outputs.is_empty()) }
     }
 
     /// Sets where the number of contours is found that the program has before the first one of the job.
@@ -246,6 +257,11 @@ impl CutMap {
             self.contours.push(contour);
             self.current = Some(self.contours.len() - 1);
         }
+    }
+
+    /// Takes the kerfs out of it.
+    pub(super) fn take_kerfs(&mut self) -> KerfMap {
+        std::mem::replace(&mut self.kerfs, KerfMap::new(false))
     }
 
     /// Begins to execute again without motion what was executed before the job was left: `cut` is what was cut of it.

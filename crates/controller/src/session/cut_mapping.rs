@@ -15,6 +15,7 @@ use super::cut_map::{Burning, Contour, CutMap, CutMotion};
 use super::cutter_watch::is_unwatched;
 use super::session_config::SessionConfig;
 use crate::event::EventKind;
+use crate::kerf_map::KerfReplay;
 use crate::operator::CommandError;
 use crate::record_streamer::RecordStreamer;
 use crate::resume::{PlanReplay, ResumeError, ResumePlan, ResumePoint};
@@ -36,6 +37,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_forward = status.rate.signum() > 0;
         let before = self.cut_map.take_burning();
         self.recorded_layers.record(status.place.record, None, status.layer);
+        self.watch_kerfs(status);
         if !is_forward || self.config.inhibits_outputs || self.is_on_lead_in() {
             return;
         }
@@ -83,17 +85,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Replays the plan to the place where the job was left, with the contours up to there and what was cut of them.
     pub(super) fn replay(&mut self, at: &ResumePoint, counts: [i64; A]) -> Result<ResumePlan<A>, ResumeError> {
-        let (map, config) = (&mut self.cut_map, &self.config);
-        map.begin_restoring(&at.cut);
+        let config = &self.config;
+        self.cut_map.begin_restoring(&at.cut);
+        let mut kerf_map = self.cut_map.take_kerfs();
+        let axes = self.recovery.plane_axes().map(|axes| axes.map(|axis| (axis, config.mm_per_pulse[axis])));
+        let kerfs = KerfReplay { map: &mut kerf_map, axes, cut: &at.cut };
+        let map = &mut self.cut_map;
         let mut switched = |streamer: &RecordStreamer<'_, A>, place, line, changes: &[OutputChange]| {
             if let Some(contour) = map_contour(map, config, streamer, (place, line), changes) {
                 let length_um = |first, records| measure_um(streamer, &config.mm_per_pulse, first, records);
                 map.restore_contour(contour.pierce, place, length_um);
             }
         };
-        let replay = PlanReplay::new(&mut self.streamer, at, counts, config.mm_per_pulse, &mut switched);
+        let replay = PlanReplay::new(&mut self.streamer, at, counts, config.mm_per_pulse, (&mut switched, kerfs));
         let prepared = replay.run(self.card.status())?;
         let length_um = |first, records| measure_um(&self.streamer, &config.mm_per_pulse, first, records);
+        map.kerfs = kerf_map;
         map.end_restoring(&at.cut, at.start.reached, length_um);
         Ok(prepared)
     }

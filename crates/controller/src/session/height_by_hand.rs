@@ -3,6 +3,8 @@
 //! Invariant: what the operator has set is kept for the job and ends with it; it moves nothing by itself, since the
 //! card controls the height only while a cutter cuts.
 
+mod kerf_hold;
+
 use retrace_config::HeightControlOfCutter;
 use retrace_link::{MotionCard, OutputChange, Outputs, channel};
 
@@ -26,6 +28,15 @@ pub(super) struct HeightByHand {
     steps: i32,
     /// Whether the height stays.
     is_off: bool,
+    /// Whether it stays because the torch comes to a kerf.
+    is_over_kerf: bool,
+}
+
+impl HeightByHand {
+    /// Value of the channel, with this offset.
+    const fn output(&self, offset: i32) -> i32 {
+        if self.is_off || self.is_over_kerf { channel::HEIGHT_STAYS } else { offset }
+    }
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -45,12 +56,41 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if volts.abs() > MAX_VOLTS && command != HeightCommand::Reset {
             return Err(TOO_FAR);
         }
-        let value = if height.is_off { channel::HEIGHT_STAYS } else { control.readings(volts).round() as i32 };
+        let value = height.output(control.readings(volts).round() as i32);
         if !self.send_manual_output(OutputChange { channel: channel::HEIGHT_OFFSET, value }) {
             return Err(CommandError::NoOutput(channel::HEIGHT_OFFSET));
         }
         self.height = height;
         Ok(())
+    }
+
+    /// Holds the height over a kerf, or does not any more. What cannot be sent yet is sent in a later period.
+    pub(super) fn hold_over_kerf(&mut self, holds: bool) {
+        let height = HeightByHand { is_over_kerf: holds, ..self.height };
+        if holds == self.height.is_over_kerf {
+            return;
+        }
+        let value = height.output(self.height_offset());
+        if self.send_manual_output(OutputChange { channel: channel::HEIGHT_OFFSET, value }) {
+            self.height = height;
+        }
+    }
+
+    /// What the operator adds to the target, in readings.
+    fn height_offset(&self) -> i32 {
+        let control = self.recovery.machine().height_control();
+        let volts = |control: HeightControlOfCutter<'_>| f64::from(self.height.steps) * control.config().step_volts;
+        control.map_or(0, |control| control.readings(volts(control)).round() as i32)
+    }
+
+    /// The outputs as the operator has set them: a kerf that is crossed does not switch height control off.
+    pub(super) fn outputs_as_set(&self, outputs: &Outputs) -> Outputs {
+        let mut outputs = *outputs;
+        let offset = &mut outputs[usize::from(channel::HEIGHT_OFFSET)];
+        if self.height.is_over_kerf && !self.height.is_off && *offset == channel::HEIGHT_STAYS {
+            *offset = self.height_offset();
+        }
+        outputs
     }
 
     /// At the beginning of a job: the card has no offset of another job.

@@ -225,7 +225,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             recovery: CutRecovery::new(machine),
             cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
             cutter_inactive: vec![false; machine.cutting_outputs.len()],
-            cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
+            cut_map: CutMap::of_machine(machine),
             contour_pass: ContourPass::default(),
             tool_lift: ToolLift::default(),
             probing: ProgramProbing::new(machine),

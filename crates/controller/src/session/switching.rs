@@ -148,6 +148,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.emit_at(done.line, EventKind::Switched(done.code));
             }
             self.record_layer_move(done.layer, &done.changes[..usize::from(done.count)]);
+            if let Some(kerf_um) = done.kerf_um {
+                self.cut_map.kerfs.begin_contour(kerf_um);
+            }
             self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);
             let want = self.streamer.expected();
             let are = self.outputs_compared_with(want);

@@ -15,7 +15,7 @@ use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn emit_period(&mut self, status: &CardStatus<A>) {
-        self.telemetry.send_output_changes(&status.outputs);
+        self.telemetry.send_output_changes(&self.outputs_as_set(&status.outputs));
         let contour = self.cut_map.current();
         let period = PeriodRecord {
             contour: contour.map_or(0, |contour| contour.number),
