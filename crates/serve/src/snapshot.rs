@@ -130,7 +130,7 @@ struct SheetView {
     points: usize,
     /// What they would set, or what comes next.
     text: String,
-    /// How they would move the job.
+    /// How they would move the job; `null` while it is not known whether they move all of it, and where they do not.
     placement: Option<PlacementView>,
     /// Distances of the contours from the ends of the travel in X and in Y.
     travel_left_mm: Option<[[f64; 2]; 2]>,
@@ -148,7 +148,7 @@ struct PlacementView {
 
 impl SheetView {
     fn of(model: &ScreenModel) -> Option<Self> {
-        let placement = retrace_tui::sheet_placement(model);
+        let placement = retrace_tui::sheet_placement_of_whole(model);
         (!model.sheet_points.is_empty()).then(|| Self {
             points: model.sheet_points.len(),
             text: retrace_tui::sheet_text(model),

@@ -28,10 +28,10 @@ use crate::ui_command::UiCommand;
 const SLOPE: Rate = Rate::from_units(Rate::ONE.units() / 150);
 
 /// Program text, decoded for the machine.
-struct Decoder(Program<Cursor<Vec<u8>>>);
+pub(crate) struct Decoder(Program<Cursor<Vec<u8>>>);
 
 impl Decoder {
-    fn new(machine: &MachineConfig, text: &str) -> Self {
+    pub(crate) fn new(machine: &MachineConfig, text: &str) -> Self {
         Self(Program::new(Cursor::new(text.as_bytes().to_vec()), interpreter_setup(machine)))
     }
 }

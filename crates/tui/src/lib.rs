@@ -44,6 +44,7 @@ mod model_observer;
 mod operator_panel;
 mod path_length;
 mod pending_question;
+mod placed_path;
 mod preview;
 mod program_facts;
 mod program_outputs;
@@ -71,11 +72,13 @@ pub use model::{
 pub use model_observer::{ModelObserver, lock_model};
 pub use operator_panel::{PanelAction, PanelStatus, panel_actions, panel_status};
 pub use path_length::PathLengths;
+pub use placed_path::PlacedPath;
 pub use preview::Preview;
 pub use program_facts::{AxisFacts, CutterFacts, HeightFacts, Planned, ProgramCheck, ProgramFacts, Text, ToolFacts};
 pub use screen::{Screen, restore_terminal};
 pub use sheet_text::{
-    of as sheet_text, placement as sheet_placement, travel_left as sheet_travel_left, travel_text as sheet_travel_text,
+    of as sheet_text, placement as sheet_placement, placement_of_whole as sheet_placement_of_whole,
+    travel_left as sheet_travel_left, travel_text as sheet_travel_text,
 };
 pub use shop_job_table::{ShopJobRow, ShopJobTable};
 pub use trail::{Trail, TrailPoint};

@@ -25,6 +25,8 @@ pub struct Preview {
     along_mm: f64,
     /// Last line that was decoded.
     line: u32,
+    /// Ends of the moves in X and Y, where they are collected, with the maximum number of them.
+    collected: Option<(Vec<[f32; 2]>, usize)>,
 }
 
 /// End of a line.
@@ -43,11 +45,28 @@ impl Preview {
     /// Decodes a program that was checked before.
     #[must_use]
     pub fn of(machine: &MachineConfig, program: &mut impl BlockDecoder) -> Self {
+        let mut preview = Self::of_machine(machine);
+        feed_program::<9>(machine, program, &mut preview);
+        preview
+    }
+
+    fn of_machine(machine: &MachineConfig) -> Self {
         let space = ['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name));
         let mut preview = Self { space, axes: machine.axes.len(), at_mm: machine.start_mm(), ..Self::default() };
         preview.draw(false);
-        feed_program::<9>(machine, program, &mut preview);
         preview
+    }
+
+    /// Decodes a program that was checked before, and collects the ends of at most this number of moves in X and Y, mm.
+    pub(crate) fn with_ends(
+        machine: &MachineConfig,
+        program: &mut impl BlockDecoder,
+        most: usize,
+    ) -> (Self, Vec<[f32; 2]>) {
+        let mut preview = Self { collected: Some((Vec::new(), most)), ..Self::of_machine(machine) };
+        feed_program::<9>(machine, program, &mut preview);
+        let ends = preview.collected.take().map_or_else(Vec::new, |(ends, _)| ends);
+        (preview, ends)
     }
 
     /// End of the block of a line, as a machine position in mm, if there is a single one.
@@ -68,6 +87,9 @@ impl Preview {
     fn draw(&mut self, rapid: bool) {
         let at = self.space.map(|axis| axis.map_or(0.0, |i| self.at_mm[i] as f32));
         self.path.push(TrailPoint { along_mm: self.along_mm, at, rapid });
+        if let Some((ends, _)) = self.collected.as_mut().filter(|(ends, most)| ends.len() < *most) {
+            ends.push([at[0], at[1]]);
+        }
     }
 
     fn end(&mut self, line: u32) {

@@ -10,6 +10,7 @@ use retrace_config::{AnalogInput, CutterConfig, EncoderConfig, MachineConfig, ch
 use retrace_controller::{ContourList, PlannedPath};
 use retrace_link::channel;
 
+use crate::placed_path::PlacedPath;
 use crate::preview::Preview;
 
 /// Axis as the screen shows it.
@@ -126,6 +127,8 @@ pub struct ProgramFacts {
     pub first_place: RecordIndex,
     /// Path of the program, and the ends of its blocks.
     pub preview: Preview,
+    /// Its path as it will lie once the edge of the sheet is set, where that was calculated.
+    pub placed: Option<Arc<PlacedPath>>,
     /// The planned path with its record numbers, where a screen has asked for it and it is known.
     pub planned_path: Option<Arc<PlannedPath>>,
     /// Result of checking the program.

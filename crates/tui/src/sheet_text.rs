@@ -5,6 +5,7 @@
 use retrace_controller::{SheetEdge, SheetPlacement};
 
 use crate::model::ScreenModel;
+use crate::placed_path::PlacedPath;
 
 /// Greatest deviation from the outline of the contours, mm.
 const OUTLINE_TOLERANCE_MM: f64 = 0.01;
@@ -51,19 +52,40 @@ pub fn placement(model: &ScreenModel) -> Option<SheetPlacement> {
     Some(SheetEdge::through(first, second).ok()?.placement(zero_mm, model.work_rotation_deg))
 }
 
+/// The path as it will lie, where it is calculated for the points that are taken.
+#[must_use]
+pub(crate) fn placed(model: &ScreenModel) -> Option<&PlacedPath> {
+    let [first, second] = model.sheet_points[..] else { return None };
+    model.facts.placed.as_deref().filter(|placed| placed.points == [first, second])
+}
+
+/// How the edge would move the job, where it moves all of it.
+#[must_use]
+pub fn placement_of_whole(model: &ScreenModel) -> Option<SheetPlacement> {
+    placed(model).filter(|placed| placed.is_turned_whole)?;
+    placement(model)
+}
+
 /// Distances in X and in Y that the contours would have from the lower and the upper soft limit, mm, where both points
-/// are taken and the contours are known.
+/// are taken, the contours are known, and all of the program lies on the sheet.
 #[must_use]
 pub fn travel_left(model: &ScreenModel) -> Option<[[f64; 2]; 2]> {
     let outline = model.facts.contours.as_ref()?.outline.vertices(OUTLINE_TOLERANCE_MM)?;
     let [x, y, _] = model.facts.space();
     let travel_mm = [model.facts.axes.get(x?)?.travel_mm, model.facts.axes.get(y?)?.travel_mm];
-    placement(model)?.travel_left(&outline, travel_mm)
+    placement_of_whole(model)?.travel_left(&outline, travel_mm)
 }
 
 /// What the contours would leave of the travel.
 #[must_use]
 pub fn travel_text(model: &ScreenModel) -> Option<String> {
+    if placed(model).is_some_and(|placed| !placed.is_turned_whole) {
+        return Some(
+            "The program also moves in coordinates that the edge does not turn: G53, or another coordinate system. \
+             What it leaves of the travel is known once the edge is set"
+                .into(),
+        );
+    }
     let [x, y] = travel_left(model)?;
     let sides = [("X-", x[0]), ("X+", x[1]), ("Y-", y[0]), ("Y+", y[1])];
     let beyond: Vec<_> =

@@ -66,6 +66,30 @@ fn two_points_set_the_zero_and_the_direction() {
     move_to(&mut page, "mdi G0 X0 Y50", [-10.0, 50.0]);
 }
 
+/// A program that also moves in coordinates of the machine is not turned as a whole: the page is not told to turn its
+/// drawing, and what the job leaves of the travel is not given as if it were.
+#[test]
+fn a_program_with_machine_coordinates_is_not_shown_as_turned() {
+    for (more, is_whole) in [("", true), ("G53 G0 X0 Y0\n", false), ("G55 G0 X0 Y0\n", false)] {
+        let bench = Bench::new();
+        let machine = bench.file("m.toml", MACHINE).display().to_string();
+        let program = PROGRAM.replace("M2\n", &format!("{more}M2\n"));
+        let (_server, mut page) = PageServer::in_control(&bench, &program, &["--machine", &machine]);
+        page.wait_until("live figures", |page| !page.last("live").is_null());
+        move_to(&mut page, "mdi G53 G0 X20 Y10", [20.0, 10.0]);
+        assert_eq!(page.order_when_free("sheet point")["t"], "done");
+        page.wait_until("one point", |page| points(page) == 1);
+        move_to(&mut page, "mdi G53 G0 X100 Y70", [100.0, 70.0]);
+        assert_eq!(page.order_when_free("sheet point")["t"], "done");
+        page.wait_until("what it would leave", |page| !page.last("state")["sheet"]["travel_text"].is_null());
+        let sheet = page.last("state")["sheet"].clone();
+        assert_eq!(!sheet["placement"].is_null(), is_whole, "{more}: {sheet}");
+        assert_eq!(!sheet["travel_left_mm"].is_null(), is_whole, "{more}: {sheet}");
+        let text = sheet["travel_text"].to_string();
+        assert_eq!(text.contains("would leave of the travel"), is_whole, "{more}: {text}");
+    }
+}
+
 /// Taken with the pointer, the points are where it looks; along Y, the job's Y goes through the second one. What is
 /// forgotten sets nothing.
 #[test]
@@ -120,6 +144,7 @@ fn the_screen_leads_through_it() {
     std::thread::sleep(std::time::Duration::from_millis(1500));
     terminal.keys("E");
     terminal.wait_for_text("80.0 mm of the edge along X: zero at X0.000 Y0.000 of the machine, turned by -1.432°");
+    terminal.wait_for_text("· as it will lie");
     terminal.wait_for_text("The contours would leave of the travel: X- 5");
     terminal.wait_for_text("y set zero and direction");
     terminal.keys("y");

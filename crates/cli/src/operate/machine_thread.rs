@@ -374,6 +374,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let setup = self.mdi_context.setup_of_program(&machine);
         preview_thread::check_again::<A>(&self.router.model, machine, &self.program, setup);
+        self.draw_on_sheet();
     }
 
     /// Loads another program, and returns whether it is loaded. Where its file cannot be read, the previous one stays.

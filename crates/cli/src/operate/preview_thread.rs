@@ -12,7 +12,8 @@ use retrace_config::MachineConfig;
 use retrace_controller::{BlockDecoder, DecodedBlock, PlannedPath, analyse_path};
 use retrace_gcode::{CanonStep, Setup};
 use retrace_tui::{
-    Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, ToolFacts, diagnostic_lines, lock_model,
+    PlacedPath, Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, ToolFacts, diagnostic_lines,
+    lock_model,
 };
 
 use crate::decoder::Decoder;
@@ -80,6 +81,30 @@ pub(super) fn check_again<const A: usize>(
         model,
         PreviewJob { machine, program: Arc::clone(program), setup: Some(setup), is_checked: false },
     );
+}
+
+/// Calculates the path as it will lie with this setup, which the edge of the sheet through these points gives.
+pub(super) fn place_on_sheet<const A: usize>(
+    model: &Arc<Mutex<ScreenModel>>,
+    machine: MachineConfig,
+    program: &Arc<Program>,
+    (now, then): (Setup, Setup),
+    points: [[f64; 2]; 2],
+) {
+    let Some(placement) = retrace_tui::sheet_placement(&lock_model(model)) else { return };
+    if !program.is_loaded() || program.lines().is_none() {
+        return;
+    }
+    let (model, program) = (Arc::clone(model), Arc::clone(program));
+    let number = LATEST_CALCULATION.load(Ordering::Relaxed);
+    thread::spawn(move || {
+        lower_priority();
+        let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let (Ok(now), Ok(then)) = (program.reopened(now), program.reopened(then)) else { return };
+        let [mut now, mut then] = [now, then].map(|program| CancellableDecoder { decoder: program.decoder(), number });
+        let placed = PlacedPath::of(&machine, (&mut now, &mut then), &placement, points);
+        publish(&model, number, |facts| ProgramFacts { placed: Some(Arc::new(placed)), ..facts });
+    });
 }
 
 /// Shows no path: the records of a job that begins inside the program are not those of the whole program.

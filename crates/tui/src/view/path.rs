@@ -11,6 +11,7 @@ use super::canvas::Canvas;
 use super::{Theme, pane, put_at};
 use crate::key_state::{Fit, Frame, View};
 use crate::model::{ScreenModel, ScreenStage};
+use crate::sheet_text;
 use crate::trail::TrailPoint;
 
 /// Number of dots left free along each edge.
@@ -97,7 +98,9 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, fra
         View::Zx => "path Z X",
     };
     let mut corners = vec![model.in_space()];
-    for extent in [model.facts.preview.path.extent(), model.trail.extent()].into_iter().flatten() {
+    let placed = sheet_text::placed(model);
+    let placed_extent = placed.and_then(|placed| placed.path.extent());
+    for extent in [model.facts.preview.path.extent(), model.trail.extent(), placed_extent].into_iter().flatten() {
         corners.extend(corners_of(extent));
     }
     let span = ends(view, &corners).map_or([0.0; 2], |[least, greatest]| [0, 1].map(|i| greatest[i] - least[i]));
@@ -112,12 +115,19 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, fra
     if frame.zoom > 1.0 {
         title += &format!(" · ×{:.0}", frame.zoom);
     }
+    if placed.is_some() {
+        title += " · as it will lie";
+    }
     let inside = pane(out, area, &title, theme);
     legend(out, area, model, theme);
     let mut canvas = Canvas::over(inside);
     let Some(scale) = Scale::fitting((view, frame), &corners, canvas.size()) else { return };
     frame_of_limits(&mut canvas, &scale, &limits, theme);
-    lines(&mut canvas, &scale, model.facts.preview.path.corners(), [3, 9], [theme.plain(), theme.faint()]);
+    let planned = if placed.is_some() { [theme.faint(); 2] } else { [theme.plain(), theme.faint()] };
+    lines(&mut canvas, &scale, model.facts.preview.path.corners(), [3, 9], planned);
+    if let Some(placed) = placed {
+        lines(&mut canvas, &scale, placed.path.corners(), [1, 9], [theme.waiting(), theme.faint()]);
+    }
     lines(&mut canvas, &scale, model.trail.corners(), [1, 4], [theme.normal(); 2]);
     if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
         retraced(&mut canvas, &scale, model, theme);

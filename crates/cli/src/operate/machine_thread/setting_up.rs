@@ -6,11 +6,12 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::{FrameShape, ManualTask, SheetEdge};
+use retrace_controller::{BlockDecoder, DecodedBlock, FrameShape, ManualTask, SheetEdge};
 use retrace_journal::ConsumableFile;
 use retrace_link::{MotionCard, Outputs};
 use retrace_tui::{ScreenModel, lock_model, sheet_text};
 
+use super::super::preview_thread::place_on_sheet;
 use super::MachineThread;
 use crate::consumables::set_text;
 use crate::machine_tables::TableFiles;
@@ -22,9 +23,25 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         let counts = self.machine.position_counts(status);
         let take = || take_point(&self.router.model, &self.machine, &counts, &status.outputs);
         match self.homing.check(&self.machine).and_then(|()| take()) {
-            Ok(text) => self.add_message(text),
+            Ok(text) => {
+                self.add_message(text);
+                self.draw_on_sheet();
+            }
             Err(refusal) => self.reject(refusal),
         }
+    }
+
+    /// Draws the job as it will lie once the edge is set, where both points are taken.
+    pub(super) fn draw_on_sheet(&self) {
+        let [first, second] = lock_model(&self.router.model).sheet_points[..] else { return };
+        let Ok(edge) = SheetEdge::through(first, second) else { return };
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
+        let mut set = self.mdi_context.clone();
+        let Ok(mut block) = set.block(&machine, &edge.block(&set.active())) else { return };
+        while block.next_block(&mut Vec::new()) == DecodedBlock::Block {}
+        set.finish_block(&block);
+        let setups = (self.mdi_context.setup_of_program(&machine), set.setup_of_program(&machine));
+        place_on_sheet::<A>(&self.router.model, machine, &self.program, setups, [first, second]);
     }
 
     /// Sets origin and direction of the work coordinates by the edge of the sheet.
