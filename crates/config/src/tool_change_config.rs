@@ -1,6 +1,7 @@
 //! Change of tools by the operator, `[manual_tool_change]` (PRB-21).
 //!
-//! Invariant: a tool is measured only on a machine with a probe and a tool setter.
+//! Invariant: a tool is measured only on a machine with a probe, and where the setter, or the surface that it touches,
+//! is known.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -29,6 +30,8 @@ enum ToolMeasurement {
     None,
     /// At the tool setter, `probe.setter_mm`.
     Setter,
+    /// Touched off at the work or at a touch plate, `touch_mm`.
+    Touch,
 }
 
 /// Change of tools by the operator, `[manual_tool_change]`.
@@ -40,13 +43,15 @@ pub(crate) struct ToolChangeSection {
     position_mm: Option<[f64; 3]>,
     /// Whether the tool is measured behind the change.
     measure: ToolMeasurement,
-    /// Maximum travel in mm down to the tool setter.
+    /// Where the tool is touched off, mm in the work coordinates in force: X, Y, and the height of the surface there.
+    touch_mm: Option<[f64; 3]>,
+    /// Maximum travel in mm down to the tool setter, or to the surface.
     travel_mm: f64,
 }
 
 impl Default for ToolChangeSection {
     fn default() -> Self {
-        Self { position_mm: None, measure: ToolMeasurement::None, travel_mm: 100.0 }
+        Self { position_mm: None, measure: ToolMeasurement::None, touch_mm: None, travel_mm: 100.0 }
     }
 }
 
@@ -55,8 +60,10 @@ impl Default for ToolChangeSection {
 pub struct ToolChangeConfig {
     /// Machine coordinates where the tool is changed, mm: X, Y, Z.
     pub position_mm: Option<[f64; 3]>,
-    /// Maximum travel down to the tool setter, mm, where the tool is measured behind the change.
+    /// Maximum travel down to the tool setter or the surface, mm, where the tool is measured behind the change.
     pub measured_within_mm: Option<f64>,
+    /// Where it is touched off, in mm of the work coordinates in force; `None`: at the tool setter.
+    pub touch_mm: Option<[f64; 3]>,
 }
 
 impl ToolChangeConfig {
@@ -81,13 +88,27 @@ impl ToolChangeSection {
                 "tool_change = \"manual\"",
             );
         }
-        let measures = self.measure == ToolMeasurement::Setter;
-        if measures && (probe.input.is_none() || probe.setter_mm.is_none()) {
+        for mm in self.touch_mm.unwrap_or_default() {
+            within("manual_tool_change.touch_mm", mm, -1e6, 1e6)?;
+        }
+        let touches = self.measure == ToolMeasurement::Touch;
+        if touches && (probe.input.is_none() || self.touch_mm.is_none()) {
+            return refused(
+                "manual_tool_change.measure = \"touch\" needs a probe input and the place of the surface",
+                "declare [[card.input]] with use = \"probe\", and touch_mm in [manual_tool_change]",
+            );
+        }
+        if !touches && self.touch_mm.is_some() {
+            return refused("manual_tool_change.touch_mm of a tool that is not touched off", "measure = \"touch\"");
+        }
+        let at_setter = self.measure == ToolMeasurement::Setter;
+        if at_setter && (probe.input.is_none() || probe.setter_mm.is_none()) {
             return refused(
                 "manual_tool_change.measure needs a probe input and the position of the tool setter",
                 "declare [[card.input]] with use = \"probe\", and setter_mm in [probe]",
             );
         }
-        Ok(ToolChangeConfig { position_mm: self.position_mm, measured_within_mm: measures.then_some(self.travel_mm) })
+        let measured_within_mm = (at_setter || touches).then_some(self.travel_mm);
+        Ok(ToolChangeConfig { position_mm: self.position_mm, measured_within_mm, touch_mm: self.touch_mm })
     }
 }

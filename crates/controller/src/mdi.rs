@@ -38,7 +38,11 @@ pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
 /// What the shipped subprograms know of the machine, as named parameters.
 fn named_figures(machine: &MachineConfig) -> Vec<(String, f64)> {
     let (probe, change) = (&machine.probe, &machine.manual_tool_change);
-    let change = ToolChangeFigures { position_mm: change.position_mm, measured_within_mm: change.measured_within_mm };
+    let change = ToolChangeFigures {
+        position_mm: change.position_mm,
+        measured_within_mm: change.measured_within_mm,
+        touch_mm: change.touch_mm,
+    };
     let probing = ProbingFigures {
         ball_diameter_mm: probe.ball_diameter_mm,
         feed_mm_per_min: probe.feed_mm_per_min,

@@ -79,8 +79,10 @@ pub fn probing_cycles() -> &'static [(&'static str, &'static str)] {
 pub struct ToolChangeFigures {
     /// Machine coordinates where the tool is changed: X, Y, Z.
     pub position_mm: Option<[f64; 3]>,
-    /// Maximum travel down to the tool setter, where the tool is measured behind the change.
+    /// Maximum travel down to the tool setter or the surface, where the tool is measured behind the change.
     pub measured_within_mm: Option<f64>,
+    /// Where it is touched off, in work coordinates: X, Y and the height of the surface; `None`: at the tool setter.
+    pub touch_mm: Option<[f64; 3]>,
 }
 
 impl ToolChangeFigures {
@@ -88,12 +90,17 @@ impl ToolChangeFigures {
     #[must_use]
     pub fn named_values(&self) -> Vec<(String, f64)> {
         let [x, y, z] = self.position_mm.unwrap_or_default();
+        let [touch_x, touch_y, touch_z] = self.touch_mm.unwrap_or_default();
         let values = [
             ("_has_tool_change_position", f64::from(u8::from(self.position_mm.is_some()))),
             ("_tool_change_x", x),
             ("_tool_change_y", y),
             ("_tool_change_z", z),
             ("_tool_change_measures", f64::from(u8::from(self.measured_within_mm.is_some()))),
+            ("_tool_change_touches", f64::from(u8::from(self.touch_mm.is_some()))),
+            ("_tool_touch_x", touch_x),
+            ("_tool_touch_y", touch_y),
+            ("_tool_touch_z", touch_z),
             ("_tool_change_travel", self.measured_within_mm.unwrap_or(0.0)),
         ];
         values.map(|(name, value)| (name.to_owned(), value)).to_vec()

@@ -51,6 +51,54 @@ fn m6_goes_to_its_position_waits_and_measures_the_tool() {
     assert_eq!(across.counts[2], 2000);
 }
 
+fn touch_bench(program: &str) -> Bench {
+    let bench = bench(program);
+    let machine = MACHINE.replace("measure = \"setter\"", "measure = \"touch\"\ntouch_mm = [80, 85, 12]");
+    bench.file("m.toml", machine.replace("setter_mm = [100, 90, -80]\n", ""));
+    bench
+}
+
+/// Behind the change the tool comes down on the surface that is 12 mm over the work zero, in the coordinates in force,
+/// with the spindle off; its length is in the tool table and in force, and the program goes on as it was.
+#[test]
+fn m6_touches_the_tool_off_at_the_work() {
+    // The zero is at X20 Y5 Z-70 of the machine: the surface, at Z-50, is 20 mm over it.
+    let program = "G21 G90 F1800\nG10 L2 P1 X20 Y5 Z-70\nM3 S1000\nG1 X-10 Z75\nG91 G1\nT2 M6\nM5\nX1\n\
+        (print,mode #<_motion_mode> offset #5403 z #<_z> incremental #<_incremental>)\nM2\n";
+    let bench = touch_bench(program);
+    let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+    let trace = vcd.display().to_string();
+    let operator = bench.file("s.op", "after 20s cycle start\n").display().to_string();
+    let arguments = ["--machine", &machine, "--work", WORK, "--vcd", &trace, "--operator", &operator];
+    let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    run.assert_exact_and_legal();
+    let texts: Vec<_> = run.of_kind("message").filter_map(|message| message["text"].as_str()).collect();
+    // The tip is at 20 mm where the surface is at 12 mm: the tool is 8 mm long. Z is 2 mm of the machine, 72 mm less 8.
+    let shown = "mode 10.000000 offset 8.000000 z 64.000000 incremental 1.000000";
+    assert!(texts.contains(&shown), "{texts:?}");
+    assert_eq!(run.counts(), vec![101_000, 90_000, 2000]);
+    let pins = samples(&vcd);
+    let lowest = pins.iter().map(|pin| pin.counts[2]).min();
+    assert!(lowest.is_some_and(|counts| (-50_500..=-50_000).contains(&counts)), "{lowest:?}");
+    let low: Vec<_> = pins.iter().filter(|pin| pin.counts[2] < -10_000).collect();
+    assert!(low.iter().all(|pin| pin.counts[..2] == [100_000, 90_000] && !pin.is_on("spindle")), "only there, and off");
+}
+
+/// Without a surface the program ends where the travel does: the spindle is off, and nothing moves any more.
+#[test]
+fn a_tool_that_touches_nothing_ends_the_program_at_rest() {
+    let bench = touch_bench("G21 G90 F1800\nM3 S1000\nG1 X10\nT2 M6\nM3\nG1 X20\nM2\n");
+    let vcd = bench.path("pins.vcd");
+    let arguments =
+        ["run", "part.ngc", "--machine", "m.toml", "--json", "--vcd", "pins.vcd", "--work", "box=0:1,0:1,-9:-8"];
+    let result = bench.retrace(arguments);
+    assert!(result.code == Some(3) && result.out.contains("E3029"), "{}{}", result.out, result.err);
+    let pins = samples(&vcd);
+    let last = pins.last().expect("a sample");
+    assert!(last.counts[..2] == [80_000, 85_000] && last.at_rest && !last.is_on("spindle"), "{last:?}");
+}
+
 /// The tool is put in where there is room for it: a pause at the prompt, jogs, and the way back.
 #[test]
 fn the_axes_are_jogged_at_the_prompt_and_brought_back() {
@@ -77,6 +125,8 @@ fn what_m6_cannot_do_is_refused_before_anything_moves() {
     for (wrong, what) in [
         ("[manual_tool_change]\nposition_mm = [1, 2, 3]\n", "changes its tools itself"),
         ("tool_change = \"manual\"\n[manual_tool_change]\nmeasure = \"setter\"\n", "needs a probe input"),
+        ("tool_change = \"manual\"\n[manual_tool_change]\nmeasure = \"touch\"\n", "needs a probe input and the place"),
+        ("tool_change = \"manual\"\n[manual_tool_change]\ntouch_mm = [1, 2, 3]\n", "a tool that is not touched off"),
     ] {
         let bench = bench("M2\n");
         bench.file("m.toml", wrong);
