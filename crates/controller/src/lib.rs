@@ -82,6 +82,7 @@ mod tap_move;
 mod tape;
 mod telemetry;
 mod thread_plan;
+mod thread_run_in;
 mod tool_length;
 mod value_range;
 

@@ -16,6 +16,7 @@ use crate::check_finding::CheckFinding;
 use crate::job;
 use crate::material_figures::{cutting_setup, spindle_use};
 use crate::question::MachineResult;
+use crate::thread_run_in;
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
@@ -30,6 +31,7 @@ pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
         position: position(machine),
         fixed_values: named_figures(machine),
         calls_tool_change: machine.manual_tool_change.is_subprogram(),
+        threads: thread_run_in::source(machine),
         rigid_tapping: machine.encoder.is_some_and(|encoder| encoder.is_tapping_rigid),
         ..Setup::default()
     }

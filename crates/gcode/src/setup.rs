@@ -9,6 +9,7 @@ use crate::modal_snapshot::{ModalSnapshot, StartTables};
 use crate::params::{Names, Parameters};
 use crate::pose::{AxisSet, Pose};
 use crate::sub_files::SubFiles;
+use crate::thread_run_in::ThreadRunIn;
 use crate::tool::ToolTable;
 use crate::user_codes::UserCodes;
 use retrace_cycles::CycleLibrary;
@@ -62,6 +63,8 @@ pub struct Setup {
     pub spindle_use: SpindleUse,
     /// Whether M6 calls the subprogram `tool_change`, which has the M6 of its own that the machine executes.
     pub calls_tool_change: bool,
+    /// What gives programs the run-in of a thread; `None` on a machine that cannot cut any.
+    pub threads: Option<Arc<dyn ThreadRunIn>>,
     /// Where the answers of the machine come from.
     pub answers: Answers,
     /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
@@ -90,6 +93,7 @@ impl Default for Setup {
             cutting: None,
             spindle_use: SpindleUse::Unknown,
             calls_tool_change: false,
+            threads: None,
             answers: Answers::Assumed,
             snapshot: None,
         }

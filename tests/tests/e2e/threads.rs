@@ -36,6 +36,49 @@ fn threads_and_cycles_are_checked_and_cut() {
     }
 }
 
+/// A program begins a thread as far before the work as its axes need: what it reads is what the check tells of the
+/// thread that follows, in its own unit.
+#[test]
+fn a_program_reads_the_run_in_of_its_thread() {
+    for (unit, mm, pitch, rpm) in [("G21", 1.0, 1.5, 1000), ("G21", 1.0, 3.0, 600), ("G20", 25.4, 0.05, 900)] {
+        let program = format!(
+            "{unit} G90\nS{rpm} M3\n#<_thread_pitch> = {pitch}\nG0 X0.1 Z#<_thread_run_in>\n\
+             G33 Z[-20 * {pitch}] K{pitch}\n(print,run-in #<_thread_run_in>)\nM5\nM2\n"
+        );
+        let bench = Bench::new();
+        let machine = bench.file("m.toml", ENCODER).display().to_string();
+        let path = bench.file("part.ngc", program);
+        let checked = bench.retrace(["check", "part.ngc", "--machine", "m.toml", "--json"]);
+        let told: Value = serde_json::from_str(checked.out.lines().last().unwrap_or_default()).expect("a report");
+        let told = told["threads"][0].clone();
+        let longest = ["run_in_mm", "run_out_mm"].map(|end| told[end].as_f64().expect("a distance"));
+        let run = Run::of(&bench, &path, &["--machine", &machine]);
+        let text = run.of_kind("message").find_map(|message| message["text"].as_str()?.strip_prefix("run-in "));
+        let read: f64 = text.and_then(|text| text.parse().ok()).expect("a figure");
+        let off = read * mm - longest[0].max(longest[1]);
+        assert!(off.abs() < 0.002 * mm && read > 0.0, "{unit} {pitch} S{rpm}: {read} for {longest:?}");
+    }
+}
+
+/// Without a pitch, a speed or an encoder it has no value: nothing begins with a run-in of 0.
+#[test]
+fn a_run_in_that_is_not_known_is_refused() {
+    let pitch = "#<_thread_pitch> = 1.5\n";
+    for (machine, before) in [
+        (ENCODER, "S1000 M3\n".to_owned()),
+        (ENCODER, format!("M3\n{pitch}")),
+        (ENCODER, format!("G96 S100 D2000 M3\n{pitch}")),
+        (ENCODER, "S1000 M3\n#<_thread_pitch> = 50\n".to_owned()),
+        ("", format!("S1000 M3\n{pitch}")),
+    ] {
+        let bench = Bench::new();
+        bench.file("m.toml", machine);
+        bench.file("part.ngc", format!("G21 G90\n{before}G0 Z#<_thread_run_in>\nM2\n"));
+        let checked = bench.retrace(["check", "part.ngc", "--machine", "m.toml"]);
+        assert!(checked.code == Some(1) && checked.err.contains("_thread_run_in"), "{before}: {}", checked.err);
+    }
+}
+
 #[test]
 fn what_cannot_be_cut_is_refused_before_anything_moves() {
     for (machine, program, number) in [

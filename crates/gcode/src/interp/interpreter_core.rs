@@ -18,6 +18,7 @@ use crate::number_range::LARGEST;
 use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, system_origin};
 use crate::pose::{Axis, Pose};
 use crate::system::SystemParameter;
+use crate::thread_run_in::{self, ThreadRunIn};
 use crate::tool::ToolTable;
 use crate::turning::Profile;
 use crate::unknown::{UNKNOWN, UnknownModes};
@@ -43,6 +44,8 @@ pub(crate) struct Core {
     pub(super) follows_unknown: bool,
     /// Whether M6 is the call of a subprogram, which is made before a block is executed.
     pub(super) calls_tool_change: bool,
+    /// What the machine plans threads with; `None` where it cannot cut any.
+    pub(super) threads: Option<Arc<dyn ThreadRunIn>>,
     /// Profile that the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
 }
@@ -147,6 +150,16 @@ pub(super) struct BlockEnvironment<'a> {
     pub(super) line: u32,
 }
 
+impl BlockEnvironment<'_> {
+    /// Value of `#<_thread_run_in>`, where the program has set `#<_thread_pitch>`.
+    #[cold]
+    fn thread_run_in(&self, name: NameId) -> Option<f64> {
+        let source = self.core.threads.as_deref().filter(|_| self.names.text(name) == thread_run_in::NAME)?;
+        let pitch = self.names.all().find(|(_, text)| *text == thread_run_in::PITCH)?.0;
+        thread_run_in::value(source, &self.core.state, self.core.parameters.named(pitch)?)
+    }
+}
+
 impl Environment for BlockEnvironment<'_> {
     fn numbered(&self, number: usize) -> Option<f64> {
         let state = &self.core.state;
@@ -171,7 +184,7 @@ impl Environment for BlockEnvironment<'_> {
     }
 
     fn named(&self, name: NameId) -> Option<f64> {
-        self.core.parameters.named(name)
+        self.core.parameters.named(name).or_else(|| self.thread_run_in(name))
     }
 
     fn name(&self, name: NameId) -> &str {

@@ -144,6 +144,7 @@ impl Interpreter {
             spindle_use,
             follows_unknown,
             calls_tool_change: false,
+            threads: setup.threads,
             profile: None,
         };
         if follows_unknown {
