@@ -26,5 +26,6 @@ pub mod served;
 pub mod shdr_checker;
 pub mod shop_broker;
 pub mod sparkplug_checker;
+pub mod sparkplug_node;
 pub mod terminal;
 pub mod trace;

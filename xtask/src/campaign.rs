@@ -29,6 +29,12 @@ const BY_SEED: [&str; 2] = ["RETRACE_CASES", "RETRACE_FIRST_SEED"];
 /// The campaign that needs an image and its emulator.
 const PICO: &str = "pico";
 
+/// The campaign that needs a host application of others.
+const SPARKPLUG: &str = "sparkplug-host";
+
+/// Names that host application to its test.
+pub(crate) const SPARKPLUG_HOST: &str = "RETRACE_SPARKPLUG_HOST";
+
 /// Every campaign.
 pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
@@ -164,6 +170,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         asked: BY_SEED,
         full: 100_000,
         slice: 1500,
+    },
+    Campaign {
+        name: SPARKPLUG,
+        purpose: "sessions of a Sparkplug node that is killed, judged by the host application srad over mosquitto: \
+            births, deaths by will, data in sequence, rebirths on request",
+        test: ["retrace-tests", "campaigns", "sparkplug_host::"],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 10,
     },
     Campaign {
         name: "spindle-faults",
@@ -322,15 +337,18 @@ pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bo
     let mut command = process::cargo(root, &arguments);
     let [count, first] = campaign.asked;
     command.env(count, cases.to_string()).env(first, seed.to_string()).env_remove("RETRACE_BIN");
-    if campaign.name == PICO {
-        match firmware::comparison_environment(root) {
-            Ok((name, value)) => command.env(name, value),
-            Err(reason) => {
-                eprintln!("xtask: {reason}");
-                return false;
-            }
-        };
-    }
+    let environment = match campaign.name {
+        PICO => firmware::comparison_environment(root).map(Some),
+        SPARKPLUG => sparkplug_host(root).map(|path| Some((SPARKPLUG_HOST, path))),
+        _ => Ok(None),
+    };
+    match environment {
+        Ok(environment) => command.envs(environment),
+        Err(reason) => {
+            eprintln!("xtask: {reason}");
+            return false;
+        }
+    };
     match command.status() {
         Ok(status) => status.success(),
         Err(error) => {
@@ -338,4 +356,13 @@ pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bo
             false
         }
     }
+}
+
+/// Builds the host application, which is a workspace of its own, and returns where it is.
+fn sparkplug_host(root: &Path) -> Result<String, String> {
+    let folder = root.join("tests/sparkplug-host");
+    let mut command = process::cargo(&folder, &["build", "--locked", "--message-format", "json-render-diagnostics"]);
+    // a folder of its own: the same one would wait for a build of the workspace
+    let target = firmware::target_folder(root).join("sparkplug-host");
+    Ok(process::build(command.env("CARGO_TARGET_DIR", target))?.display().to_string())
 }

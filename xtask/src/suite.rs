@@ -2,6 +2,7 @@
 //!
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
+use crate::campaign::SPARKPLUG_HOST;
 use crate::{firmware, tidy};
 use retrace_task_support::{process, tools};
 use retrace_verify as verify;
@@ -171,12 +172,14 @@ fn browser_step(root: &Path, settings: &Settings) -> Outcome {
 fn peers_missing() -> Vec<&'static str> {
     let is_there = tools::on_path("rs274").is_some();
     let programs = std::env::var_os("RETRACE_PROGRAMS").is_some();
+    let host = std::env::var_os(SPARKPLUG_HOST).is_some();
     let is_installed = |server| tools::server(server).is_some();
     let peers = [
         (is_there, "rs274 (LinuxCNC) is not on PATH"),
         (programs, "RETRACE_PROGRAMS names no folder of programs"),
         (is_installed("mosquitto"), "mosquitto is not installed"),
         (is_installed("nats-server"), "nats-server is not installed"),
+        (host, "RETRACE_SPARKPLUG_HOST names no host application: cargo xtask campaign sparkplug-host builds one"),
     ];
     peers.into_iter().filter(|(is_there, _)| !is_there).map(|(_, missing)| missing).collect()
 }

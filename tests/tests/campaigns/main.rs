@@ -26,4 +26,5 @@ mod shop_away;
 mod shop_broker;
 mod shop_jobs;
 mod shop_messages;
+mod sparkplug_host;
 mod stops;

@@ -1,83 +1,26 @@
 //! `retrace shop sparkplug` with the broker mosquitto, by a host that knows the specification only (SHP-27).
 
-use std::fs::File;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixListener;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
-use retrace_tests::command::{Bench, assert_contains, binary, cases, root};
+use retrace_tests::command::{Bench, assert_contains, cases, root};
 use retrace_tests::mqtt_client::{Mosquitto, MqttClient, free_port};
 use retrace_tests::not_run::not_run;
 use retrace_tests::served::ServedCard;
 use retrace_tests::sparkplug_checker::{HostValue, SparkplugHost, command};
+use retrace_tests::sparkplug_node::SparkplugNode;
 
 const NO_BROKER: &str = "mosquitto is not installed";
 const COMMAND: &str = "spBv1.0/shop/NCMD/mill";
 const STATE: &str = "spBv1.0/STATE/scada";
 const LONG: Duration = Duration::from_secs(30);
-
-/// The command, ended with the test.
-struct Node {
-    child: Child,
-}
-
-impl Node {
-    fn start(bench: &Bench, broker: &str, keys: &str) -> Self {
-        bench.file("shop.toml", format!("name = \"mill\"\n[sparkplug]\nbroker = \"{broker}\"\n{keys}"));
-        let mut command = Command::new(binary());
-        command.args(["shop", "sparkplug", "--shop-file"]).arg(bench.path("shop.toml"));
-        command.env("XDG_STATE_HOME", bench.path("state")).stdin(Stdio::null());
-        command.stdout(File::create(bench.path("node.txt")).expect("a file"));
-        command.stderr(File::create(bench.path("errors.txt")).expect("a file"));
-        Self { child: command.spawn().expect("it runs") }
-    }
-
-    /// Waits until it prints this, on either of its outputs.
-    fn wait_for(bench: &Bench, text: &str) -> String {
-        let begun = Instant::now();
-        loop {
-            let read = |name| std::fs::read_to_string(bench.path(name)).unwrap_or_default();
-            let printed = read("node.txt") + &read("errors.txt");
-            if printed.contains(text) {
-                return printed;
-            }
-            assert!(begun.elapsed() < LONG, "{text} is not in\n{printed}");
-            sleep(Duration::from_millis(20));
-        }
-    }
-
-    fn kill(&mut self) {
-        self.child.kill().expect("it is killed");
-        self.child.wait().expect("it ends");
-    }
-
-    /// Ends it by SIGTERM.
-    fn end(&mut self) -> ExitStatus {
-        let number = self.child.id().to_string();
-        Command::new("kill").args(["-TERM", &number]).status().expect("it is sent");
-        let begun = Instant::now();
-        loop {
-            if let Some(status) = self.child.try_wait().expect("a child") {
-                return status;
-            }
-            assert!(begun.elapsed() < LONG, "it does not end");
-            sleep(Duration::from_millis(20));
-        }
-    }
-}
-
-impl Drop for Node {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
 
 /// A host application that checks every message of the node.
 struct Host {
@@ -178,7 +121,7 @@ fn a_host_sees_what_the_machine_does() {
     let bench = Bench::new();
     let Some((broker, address)) = mosquitto(&bench, "a_host_sees_what_the_machine_does", "") else { return };
     let mut host = Host::connect(broker.port, None);
-    let mut node = Node::start(&bench, &address, "");
+    let mut node = SparkplugNode::start(&bench, &address, "");
     host.wait_birth(1, 0);
     let known = |host: &Host| {
         let all = host.host.values.iter().filter(|(_, value)| value.is_some());
@@ -219,7 +162,7 @@ fn a_host_sees_what_the_machine_does() {
     host.take_for(Duration::from_millis(500));
     assert_eq!((host.host.births, host.host.deaths), (2, 1));
     assert!(host.host.data > 3, "{}", host.host.data);
-    let printed = Node::wait_for(&bench, "ended: 1 births on request, 0 messages ignored");
+    let printed = SparkplugNode::wait_for(&bench, "ended: 1 births on request, 0 messages ignored");
     assert_contains(&printed, &["Sparkplug edge node shop/mill", "(MQTT 5, bdSeq 0)"]);
     let _ = card.end();
 }
@@ -233,7 +176,7 @@ fn every_change_arrives_without_a_gap() {
     let running = bench.path("state/retrace/running");
     std::fs::create_dir_all(&running).expect("a folder");
     let listener = UnixListener::bind(running.join("1.sock")).expect("a socket");
-    let _node = Node::start(&bench, &address, "");
+    let _node = SparkplugNode::start(&bench, &address, "");
     let (mut machine, _) = listener.accept().expect("it reads");
     host.wait_birth(1, 0);
     let axes = ["x", "y", "z"].map(|letter| serde_json::json!({"letter": letter, "is_linear": true}));
@@ -259,7 +202,7 @@ fn a_node_that_is_killed_is_dead_by_its_will() {
     bench.file("state/retrace/shop/mill/sparkplug", "bdSeq 252\n");
     for deaths in 0..cases(5).min(1_000) as usize {
         let number = (deaths as u64 + 253) % 256;
-        let mut node = Node::start(&bench, &address, "");
+        let mut node = SparkplugNode::start(&bench, &address, "");
         host.wait_birth(deaths + 1, number);
         node.kill();
         host.wait("the death", |host| host.deaths == deaths + 1 && !host.is_online);
@@ -273,11 +216,11 @@ fn a_broker_that_comes_back_sees_the_next_birth() {
     let Some((mut broker, address)) = mosquitto(&bench, "a_broker_that_comes_back_sees_the_next_birth", "") else {
         return;
     };
-    let _node = Node::start(&bench, &address, "");
+    let _node = SparkplugNode::start(&bench, &address, "");
     let mut printed = String::new();
     for number in 0..3 {
         let mut host = Host::connect(broker.port, None);
-        printed = Node::wait_for(&bench, &format!("bdSeq {number})"));
+        printed = SparkplugNode::wait_for(&bench, &format!("bdSeq {number})"));
         // It may have been born before the host came: a host asks then.
         host.client.publish(COMMAND, &command("Node Control/Rebirth", true), false);
         host.wait("a birth", |host| host.is_online && host.bd_seq == Some(number));
@@ -296,8 +239,8 @@ fn a_primary_host_is_awaited() {
     let Some((broker, address)) = mosquitto(&bench, "a_primary_host_is_awaited", "") else { return };
     let mut host = Host::connect(broker.port, None);
     let mut scada = MqttClient::connect(broker.port, "scada", None);
-    let _node = Node::start(&bench, &address, "primary_host = \"scada\"\n");
-    Node::wait_for(&bench, "waiting for the host application scada");
+    let _node = SparkplugNode::start(&bench, &address, "primary_host = \"scada\"\n");
+    SparkplugNode::wait_for(&bench, "waiting for the host application scada");
     scada.publish("spBv1.0/STATE/other", b"{\"online\":true,\"timestamp\":5}", true);
     scada.publish(STATE, b"{\"online\":false,\"timestamp\":5}", true);
     scada.publish(STATE, b"{\"online\":true,\"timestamp\":4}", true);
@@ -320,7 +263,7 @@ fn ten_thousand_messages_move_nothing() {
     let bench = Bench::new();
     let Some((broker, address)) = mosquitto(&bench, "ten_thousand_messages_move_nothing", "") else { return };
     let mut host = Host::connect(broker.port, None);
-    let mut node = Node::start(&bench, &address, "primary_host = \"scada\"\n");
+    let mut node = SparkplugNode::start(&bench, &address, "primary_host = \"scada\"\n");
     let mut sender = MqttClient::connect(broker.port, "sender", None);
     sender.publish(STATE, b"{\"online\":true,\"timestamp\":1}", true);
     host.wait_birth(1, 0);
@@ -351,7 +294,7 @@ fn ten_thousand_messages_move_nothing() {
     ] {
         assert_eq!(host.host.value(name), Some(&value), "{name}");
     }
-    let memory = memory_kib(node.child.id());
+    let memory = memory_kib(node.process_id());
     let code = run.wait().expect("it ends").code();
     let told = std::fs::read_to_string(bench.path("told.txt")).expect("its output");
     assert_eq!(code, Some(0), "{told}");
@@ -369,7 +312,7 @@ fn ten_thousand_messages_move_nothing() {
     assert_eq!((host.host.deaths, host.host.bd_seq), (1, Some(0)), "one connection from beginning to end");
     // 64 MiB is what the agent of a shop may have.
     assert!(memory < 64 * 1024, "{memory} KiB");
-    let printed = Node::wait_for(&bench, "messages ignored");
+    let printed = SparkplugNode::wait_for(&bench, "messages ignored");
     println!("{} births, {} with data, {memory} KiB, {printed}", host.host.births, host.host.data);
     let numbers: Vec<usize> =
         printed.rsplit("ended: ").next().unwrap_or_default().split(' ').flat_map(str::parse).collect();
@@ -434,20 +377,20 @@ fn what_the_broker_refuses_is_named() {
     let allow = |mode: &str| Command::new("chmod").arg(mode).arg(bench.path("password")).status().expect("changed");
     allow("600");
     let user = "user = \"m1\"\npassword_file = \"password\"\n";
-    let node = Node::start(&bench, &address, user);
-    assert_contains(&Node::wait_for(&bench, "E5024"), &["refuses the connection"]);
+    let node = SparkplugNode::start(&bench, &address, user);
+    assert_contains(&SparkplugNode::wait_for(&bench, "E5024"), &["refuses the connection"]);
     drop(node);
     bench.file("password", "secret\n");
     let mut host = Host::connect(broker.port, Some(("host", "h")));
-    let mut node = Node::start(&bench, &address, user);
+    let mut node = SparkplugNode::start(&bench, &address, user);
     // It may write births, and no deaths; mosquitto does not refuse a subscription, it delivers nothing.
     host.wait("a birth", |host| host.is_online);
     assert!(node.end().success());
-    assert_contains(&Node::wait_for(&bench, "E5028"), &["NotAuthorized"]);
+    assert_contains(&SparkplugNode::wait_for(&bench, "E5028"), &["NotAuthorized"]);
     allow("644");
-    let mut node = Node::start(&bench, &address, user);
-    assert_contains(&Node::wait_for(&bench, "E5023"), &["everybody"]);
-    assert_eq!(node.child.wait().expect("it ends").code(), Some(2));
+    let mut node = SparkplugNode::start(&bench, &address, user);
+    assert_contains(&SparkplugNode::wait_for(&bench, "E5023"), &["everybody"]);
+    assert_eq!(node.wait().code(), Some(2));
     broker.kill();
 }
 
@@ -460,12 +403,12 @@ fn a_broker_with_tls_is_trusted_by_its_certificate() {
     let test = "a_broker_with_tls_is_trusted_by_its_certificate";
     let Some((broker, _)) = mosquitto(&bench, test, &lines) else { return };
     let address = format!("mqtts://{}:{}", "localhost", broker.port);
-    let node = Node::start(&bench, &address, &format!("ca = \"{}\"\n", file("authority.pem")));
-    assert_contains(&Node::wait_for(&bench, "born"), &["mqtts:", "bdSeq 0)"]);
+    let node = SparkplugNode::start(&bench, &address, &format!("ca = \"{}\"\n", file("authority.pem")));
+    assert_contains(&SparkplugNode::wait_for(&bench, "born"), &["mqtts:", "bdSeq 0)"]);
     drop(node);
     // The certificate of another authority: nothing is sent, and no connection is counted.
-    let _node = Node::start(&bench, &address, &format!("ca = \"{}\"\n", file("certificate.pem")));
-    assert_contains(&Node::wait_for(&bench, "E5027"), &["TLS"]);
+    let _node = SparkplugNode::start(&bench, &address, &format!("ca = \"{}\"\n", file("certificate.pem")));
+    assert_contains(&SparkplugNode::wait_for(&bench, "E5027"), &["TLS"]);
 }
 
 /// A connection to a broker of the test: the stream, and the protocol level of the first packet.
@@ -490,7 +433,7 @@ fn a_broker_of_the_older_version_is_spoken_to() {
     let bench = Bench::new();
     let listener = TcpListener::bind("[::1]:0").or_else(|_| TcpListener::bind("127.0.0.1:0")).expect("a port");
     let address = format!("mqtt://{}", listener.local_addr().expect("its address"));
-    let _node = Node::start(&bench, &address, "");
+    let _node = SparkplugNode::start(&bench, &address, "");
     let (mut stream, level) = accept(&listener);
     assert_eq!(level, 5);
     // as the standard of 3.1.1 says: 1, unacceptable protocol version
@@ -501,7 +444,7 @@ fn a_broker_of_the_older_version_is_spoken_to() {
     let packet = read_packet(&mut stream);
     assert_eq!(packet[0], 0x82, "it subscribes");
     stream.write_all(&[0x90, 3, packet[2], packet[3], 1]).expect("accepted");
-    Node::wait_for(&bench, "(MQTT 3.1.1, bdSeq 1)");
+    SparkplugNode::wait_for(&bench, "(MQTT 3.1.1, bdSeq 1)");
 }
 
 /// A broker that refuses the topic of the commands is named and left, in order: without commands it is no node.
@@ -510,7 +453,7 @@ fn a_broker_that_refuses_a_subscription_is_left() {
     let bench = Bench::new();
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = format!("mqtt://{}", listener.local_addr().expect("its address"));
-    let _node = Node::start(&bench, &address, "");
+    let _node = SparkplugNode::start(&bench, &address, "");
     let (mut stream, _) = accept(&listener);
     stream.write_all(&[0x20, 3, 0, 0, 0]).expect("accepted");
     let packet = read_packet(&mut stream);
@@ -519,7 +462,7 @@ fn a_broker_that_refuses_a_subscription_is_left() {
     let death = read_packet(&mut stream);
     assert_eq!(death[0], 0x32, "a message of quality 1: {death:?}");
     assert_contains(&String::from_utf8_lossy(&death), &["spBv1.0/shop/NDEATH/mill"]);
-    assert_contains(&Node::wait_for(&bench, "E5025"), &["spBv1.0/shop/NCMD/mill", "NotAuthorized"]);
+    assert_contains(&SparkplugNode::wait_for(&bench, "E5025"), &["spBv1.0/shop/NCMD/mill", "NotAuthorized"]);
     assert_eq!(accept(&listener).1, 5, "it tries again");
 }
 
@@ -542,8 +485,8 @@ fn what_cannot_be_used_is_refused_with_its_number() {
     );
     // Nobody listens there: it goes on, and a second one of this machine is refused.
     let address = format!("mqtt://{}:{}", "127.0.0.1", free_port());
-    let mut node = Node::start(&bench, &address, "");
-    Node::wait_for(&bench, "E5027");
+    let mut node = SparkplugNode::start(&bench, &address, "");
+    SparkplugNode::wait_for(&bench, "E5027");
     assert_contains(&refused(&std::fs::read_to_string(bench.path("shop.toml")).expect("there")), &["E5026"]);
     assert!(node.end().success());
 }

@@ -83,6 +83,8 @@ const ARROWS: &[Arrows] = &[
     // The end-to-end tests see the command alone, so that they judge it with nothing of its own. The task support finds
     // them a browser.
     arrows("tests/Cargo.toml", &["task-support"]),
+    // A host application of others, outside of the workspace, with nothing of ours.
+    arrows("tests/sparkplug-host/Cargo.toml", &[]),
     // The judge of cuts has nothing of ours and nothing of others.
     Arrows { outside: false, ..arrows("tests/judge/Cargo.toml", &[]) },
     arrows("bench/Cargo.toml", &["task-support"]),
