@@ -51,8 +51,8 @@ fn print_report<const A: usize>(
         crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));
     }
     let Some(checked) = checked? else {
-        let what = "standard input is checked only while it runs";
-        return Err(NumberedError::new("E2142", what, "name a file, or use `retrace run -`").into());
+        let what = format!("{} is a stream, which is checked only while it runs", program.name());
+        return Err(NumberedError::new("E2142", what, "name a file, or use `retrace run`").into());
     };
     let report = CheckReport { program, machine, blocks: checked.blocks, analysis: &checked.found, diagnostics };
     if args.format.json {

@@ -3,7 +3,8 @@
 //! The folder is listed again and again: network shares give no change events that can be relied on.
 //!
 //! Invariant: a file is submitted once, whenever the process is killed, and only after its size and time have stood for
-//! two seconds or its ready file lies beside it. Symbolic links and folders are not followed.
+//! two seconds or its ready file lies beside it. Symbolic links and folders are not followed. A FIFO is a stream: what
+//! each writer sends is one file (on Linux; elsewhere it is left alone).
 
 use std::collections::BTreeMap;
 use std::fs::{self, Metadata};
@@ -15,6 +16,8 @@ use retrace_journal::{Timestamp, state_file};
 
 use crate::bundle::{BundleRole, SourceFile};
 use crate::content_hash::ContentHash;
+#[cfg(target_os = "linux")]
+use crate::fifo_reader::{FifoOutcome, FifoReader};
 use crate::inbox_limits::InboxLimits;
 use crate::job::{JobTarget, ShopJob};
 use crate::job_id::ShopJobId;
@@ -41,7 +44,7 @@ pub enum WatchOutcome {
         /// Its job.
         id: ShopJobId,
     },
-    /// It was not submitted, and moved to the folder of failed files.
+    /// It was not submitted, and moved to the folder of failed files; what came from a FIFO was deleted.
     Failed {
         /// Its name.
         name: String,
@@ -78,19 +81,57 @@ pub struct FolderWatch {
     limits: InboxLimits,
     /// Each file with its stamp, and since when it has that.
     standing: BTreeMap<String, (FileStamp, Instant)>,
+    #[cfg(target_os = "linux")]
+    fifos: FifoReader,
 }
 
 impl FolderWatch {
     /// Watches a folder for a machine; nothing is read yet.
     #[must_use]
     pub fn new(config: WatchConfig, machine: MachineFolder, limits: InboxLimits) -> Self {
-        Self { config, machine, limits, standing: BTreeMap::new() }
+        Self {
+            config,
+            machine,
+            limits,
+            standing: BTreeMap::new(),
+            #[cfg(target_os = "linux")]
+            fifos: FifoReader::default(),
+        }
     }
 
     /// Whether files wait until they count as whole.
     #[must_use]
     pub fn has_standing_files(&self) -> bool {
+        #[cfg(target_os = "linux")]
+        if self.fifos.has_writers() {
+            return true;
+        }
         !self.standing.is_empty()
+    }
+
+    /// Reads the FIFOs of the folder for a turn each. What they have got is a file of the folder then.
+    #[cfg(target_os = "linux")]
+    fn read_fifos(&mut self) -> Result<Vec<WatchOutcome>, NumberedError> {
+        use std::os::unix::fs::FileTypeExt;
+        let ready = self.config.needs_ready_file.then_some(READY);
+        let mut outcomes = Vec::new();
+        for name in folder_names(&self.config.path)?.into_iter().filter(|name| is_candidate(name)) {
+            let about = fs::symlink_metadata(self.config.path.join(&name));
+            if !about.is_ok_and(|about| about.file_type().is_fifo()) {
+                continue;
+            }
+            match self.fifos.read(&self.config.path, &name, ready, self.limits) {
+                Ok(FifoOutcome::Nothing | FifoOutcome::File) => {}
+                Ok(FifoOutcome::Failed(error)) => outcomes.push(WatchOutcome::Failed { name, error }),
+                Err(error) => outcomes.push(WatchOutcome::Stays { name, error }),
+            }
+        }
+        Ok(outcomes)
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn read_fifos(&mut self) -> Result<Vec<WatchOutcome>, NumberedError> {
+        Ok(Vec::new())
     }
 
     /// Lists the folder and submits what is whole. `now` never goes back.
@@ -100,9 +141,9 @@ impl FolderWatch {
     pub fn poll(&mut self, now: Instant) -> Result<Vec<WatchOutcome>, NumberedError> {
         // a folder that does not exist is as a share that is not there
         fs::metadata(&self.config.path).map_err(|error| unusable(&self.config.path, &error))?;
+        let mut outcomes = self.read_fifos()?;
         let names = folder_names(&self.config.path)?;
         self.standing.retain(|name, _| names.contains(name));
-        let mut outcomes = Vec::new();
         for name in names.iter().filter(|name| is_candidate(name)) {
             let path = self.config.path.join(name);
             let found = match fs::symlink_metadata(&path) {

@@ -32,6 +32,8 @@ mod broker;
 mod bundle;
 mod checked_log;
 mod content_hash;
+#[cfg(target_os = "linux")]
+mod fifo_reader;
 mod folder_watch;
 mod free_space;
 mod inbox;
@@ -58,6 +60,8 @@ mod sparkplug;
 mod sparkplug_config;
 #[cfg(unix)]
 mod state_reader;
+#[cfg(target_os = "linux")]
+mod tape_marks;
 mod watch_log;
 
 pub use audit::{AuditFault, AuditReport, HeldJob, audit_roots};

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -394,6 +395,52 @@ fn files_of_a_watched_folder_become_jobs_each_once() {
     agent.kill().expect("it is killed");
     agent.wait().expect("it ends");
     assert_refused(&second, "E5011");
+}
+
+/// A FIFO in the watched folder: a job for each writer, in their order, and nothing of it is started. One without a
+/// writer, and one whose writer is silent, hold nothing up.
+#[test]
+fn a_fifo_of_the_watched_folder_is_a_job_for_each_writer() {
+    let bench = bench();
+    bench.file("shop.toml", "root = \"data\"\n[watch]\npath = \"in\"\nready_file = true\n");
+    let file = ["--shop-file", "shop.toml"];
+    fs::create_dir(bench.path("in")).expect("a folder");
+    let fifos = ["in/cam.ngc", "in/silent.ngc"].map(|name| bench.path(name));
+    assert!(Command::new("mkfifo").args(&fifos).status().expect("mkfifo").success());
+    let [fifo, silent] = fifos;
+    let path = fifo.to_str().expect("a name");
+    for refused in [["check", path].as_slice(), &["shop", "submit", path, file[0], file[1]]] {
+        assert_eq!(bench.retrace(refused).code, Some(2), "{refused:?}");
+    }
+    // nobody writes: the agent has nothing to do
+    let _ = done(&bench, &["shop", "agent", "--once", file[0], file[1]]);
+    let mut agent = bench.start(&["shop", "agent", file[0], file[1]], Stdio::null(), "agent.txt");
+    let mut held = fs::File::options().write(true).open(silent).expect("the agent reads");
+    held.write_all(b"G1 X1\n").expect("it is read");
+    for _ in 0..3 {
+        fs::write(&fifo, PART).expect("it is read to its end");
+    }
+    fs::write(&fifo, "%\nM2\n%\n%\nM2\n%\n").expect("it is read to its end");
+    let listed = || json(&bench, &["shop", "jobs", "--json", file[0], file[1]]);
+    let begun = Instant::now();
+    let is_ready = |job: &Value| job["state"] == "ready" && job["program"].to_string().contains("cam-");
+    while listed()["jobs"].as_array().expect("a list").iter().filter(|job| is_ready(job)).count() < 3 {
+        assert!(begun.elapsed() < Duration::from_secs(50), "{}", listed());
+        sleep(Duration::from_millis(50));
+    }
+    sleep(Duration::from_millis(1500));
+    let jobs = listed();
+    assert_eq!(jobs["jobs"].as_array().expect("a list").len(), 3, "{jobs}");
+    assert_eq!(bench.retrace(["jobs"]).out.lines().filter(|line| line.contains("cam-")).count(), 0, "no run");
+    agent.kill().expect("it is killed");
+    agent.wait().expect("it ends");
+    // the agent is gone, and the next one deletes what its writer has not finished
+    assert!(held.write_all(b"M2\n").is_err());
+    let _ = done(&bench, &["shop", "agent", "--once", file[0], file[1]]);
+    assert_eq!(listed()["jobs"].as_array().expect("a list").len(), 3);
+    let errors = bench.retrace(["shop", "agent", "--once", file[0], file[1]]);
+    assert_eq!(errors.err, "");
+    assert!(!bench.path("in/.silent.ngc.part").exists(), "deleted");
 }
 
 #[test]
