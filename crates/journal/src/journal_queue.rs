@@ -159,9 +159,7 @@ impl JournalQueue {
             state.lost += 1;
             return;
         }
-        state.queue.push_back(entry);
-        drop(state);
-        self.0.changed.notify_all();
+        self.push(state, entry);
     }
 
     /// Pushes an entry that the job can be resumed without.
@@ -179,9 +177,18 @@ impl JournalQueue {
             state.lost += 1;
             return;
         }
+        self.push(state, entry);
+    }
+
+    /// Pushes an entry, and wakes the writer only where it waits for this one: the first, or the one that fills the
+    /// queue. Otherwise a writer that gathers would be woken by each.
+    fn push(&self, mut state: MutexGuard<'_, QueueState>, entry: JournalEntry) {
         state.queue.push_back(entry);
+        let wakes = state.queue.len() == 1 || state.queue.len() == self.0.capacity;
         drop(state);
-        self.0.changed.notify_all();
+        if wakes {
+            self.0.changed.notify_all();
+        }
     }
 
     /// In virtual time, waits for space, as long as writing may still succeed.
