@@ -281,6 +281,24 @@ impl PageUser {
         self.evaluate(&count).as_u64().unwrap_or_default()
     }
 
+    /// Number of pixels of the whole page, as it is on the screen, that are black.
+    pub fn black_pixels(&mut self) -> u64 {
+        let picture = self.page.call("Page.captureScreenshot", json!({"format": "png"}))["data"].take();
+        let count = format!(
+            "(async () => {{
+               const bytes = Uint8Array.from(atob({picture}), letter => letter.charCodeAt(0));
+               const bitmap = await createImageBitmap(new Blob([bytes]));
+               const context = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d');
+               context.drawImage(bitmap, 0, 0);
+               const pixels = context.getImageData(0, 0, bitmap.width, bitmap.height).data;
+               let count = 0;
+               for (let at = 0; at < pixels.length; at += 4) if (pixels[at] + pixels[at + 1] + pixels[at + 2] < 9) count++;
+               return count;
+             }})()"
+        );
+        self.evaluate(&count).as_u64().unwrap_or_default()
+    }
+
     /// Waits until the number of pixels of this colour is right, for some seconds. Returns the last number.
     pub fn wait_for_pixels(&mut self, colour: [u8; 3], is_right: impl Fn(u64) -> bool) -> u64 {
         let begun = Instant::now();

@@ -71,8 +71,11 @@ export class PathLayer {
       drawThin(stretches);
     }
     Object.assign(this, { shownKey: key, shown: state });
+    // A browser empties the canvas at the first call that draws on it, once it has shown it. Chromium does not count the
+    // copy as one: without this, what is drawn over the copy would empty it again, wherever nothing of the layer was new.
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.clear(gl.COLOR_BUFFER_BIT);
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.frame);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }

@@ -9,13 +9,14 @@ use super::{Machine, browser, in_control, serve, zigzag};
 /// Two lines in a row, from left to right through the middle of the picture.
 const TWO_LINES: &str = "G21 G90 G17 G94 G61\nF3000\nG1 X60\nG1 X120\nM2\n";
 
-/// A picture of the path that would be the same is not drawn again; one that changes is, as long as it does.
+/// A picture of the path that would be the same is not drawn again; one that changes is, as long as it does. What is
+/// chosen while the machine stands is drawn over the path, which stays.
 #[test]
 fn a_standing_machine_is_drawn_once() {
     let Some(mut browser) = browser() else { return };
     let bench = Bench::new();
     let server = serve(&bench, &zigzag(90), &[]);
-    let mut user = PageUser::new(&mut browser, Screen::TABLET);
+    let mut user = PageUser::new(&mut browser, Screen::DESK.light());
     let script = serde_json::json!({"source": COUNTERS});
     user.page().call("Page.addScriptToEvaluateOnNewDocument", script);
     user.sign_in(&server);
@@ -29,6 +30,16 @@ fn a_standing_machine_is_drawn_once() {
     // What still comes of the program is drawn first.
     pictures_in(&mut user, 2);
     assert!(pictures_in(&mut user, 3) <= Some(2), "the machine stands, and so does the picture");
+    let (before, most) = (user.black_pixels(), 20_000);
+    assert!(before < most, "{before} pixels are black");
+    // The view moves to the first line that is chosen, and stays for the other.
+    for line in ["4", "5"] {
+        user.tap(".listing .list-row", line);
+        user.wait_for_text(".chosen-text", &format!("line {line} chosen"));
+        pictures_in(&mut user, 1);
+    }
+    let after = user.black_pixels();
+    assert!(after < most, "the path stays below what is chosen: {after} pixels are black");
     user.tap(".motion.start", "");
     let pictures = pictures_in(&mut user, 3);
     assert!(pictures >= Some(6), "the machine moves: {pictures:?} pictures");
