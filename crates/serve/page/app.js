@@ -144,6 +144,7 @@ new StateLine(place('state-line'), store, actions, {
   openControl: () => controlDialog.open(),
 });
 const positionTable = new PositionTable(place('position'), store, { openZero: openTab(sideTabs, 'zero') });
+jogPad.onKeyAxis = index => positionTable.setKeyAxis(index);
 const scrubber = new Scrubber(place('scrubber'), store, orders, actions, pathView);
 new MotionKeys(place('motion-keys'), store, actions, orders);
 new Keyboard(store, orders, actions, { jogPad, pathView });

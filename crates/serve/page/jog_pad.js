@@ -1,7 +1,8 @@
 // The jog pad: continuous jogs held to run, steps, home, pause.
 //
 // Invariant: a jog lives by beats from the main thread of this page, each 50 ms. Whatever ends the touch (finger up or
-// lost, a second finger, focus lost, page hidden, link lost) ends the beats and sends the end of the jog.
+// lost, a second finger, focus lost, page hidden, link lost) ends the beats and sends the end of the jog. The axis that
+// the keys [ and ] jog is changed by Tab alone, and shown beside its position.
 
 import { button, element, isOff, setChildren, setOff } from './element.js';
 import { confirm } from './dialog.js';
@@ -20,6 +21,8 @@ export class JogPad {
     Object.assign(this, { store, orders, actions });
     this.stepIndex = null;
     this.axisIndex = 0;
+    /** Is told the axis that [ and ] jog. */
+    this.onKeyAxis = () => {};
     this.beatNumber = 0;
     this.held = null;
     this.pad = element('div', { class: 'jog-pad', role: 'group', 'aria-label': 'Jog' });
@@ -61,6 +64,8 @@ export class JogPad {
     setChildren(this.pad, ...this.keys.map(key => key.node), this.zero, this.home);
     this.pad.dataset.axes = String(hello.machine.axes.length);
     if (this.stepIndex !== null && this.stepIndex >= this.stepsMm.length) this.stepIndex = null;
+    this.axisIndex = Math.min(this.axisIndex, hello.machine.axes.length - 1);
+    this.onKeyAxis(this.axisIndex);
     this.setStep(this.stepIndex);
     this.showState();
   }
@@ -123,7 +128,6 @@ export class JogPad {
   begin(key) {
     if (!this.isPossible()) return;
     this.end();
-    this.axisIndex = key.index;
     if (this.stepIndex !== null) {
       const mm = this.stepsMm[this.stepIndex] * (key.up ? 1 : -1);
       this.orders.send(`jog ${key.axis} ${orderNumber(mm)}`);
@@ -175,6 +179,7 @@ export class JogPad {
   nextAxis() {
     const axes = this.store.hello.machine.axes;
     this.axisIndex = (this.axisIndex + 1) % axes.length;
+    this.onKeyAxis(this.axisIndex);
     this.orders.notices.inform(`[ and ] jog axis ${axes[this.axisIndex].letter.toUpperCase()}`);
   }
 

@@ -123,7 +123,9 @@ export class MotionKeys {
     for (const { id, node, hint } of this.keys) {
       setOff(node, !this.actions.isPossible(id));
       node.classList.toggle('active', state?.mode === id && this.store.isLive);
-      const first = state?.suggested?.slice(0, id === 'cycle-start' ? 3 : 1) ?? [];
+      // Where a cut is interrupted, cycle start is not the way on: it would light the cutter where the machine stands.
+      const isNear = id === 'cycle-start' && state?.suggested?.[0] !== 'recover';
+      const first = state?.suggested?.slice(0, isNear ? 3 : 1) ?? [];
       node.classList.toggle('suggested', first.includes(id) && this.actions.isPossible(id));
       setText(hint, this.actions.keyText(id));
     }

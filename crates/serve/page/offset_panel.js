@@ -9,18 +9,35 @@ import { changeTable, enterValue } from './table_change.js';
 import { onSettingChange } from './settings.js';
 
 /** Offsets. */
+const READ_AGAIN_MS = 1000;
+
 export class OffsetPanel {
   constructor(store, connection, orders) {
     Object.assign(this, { store, connection, orders });
     this.cells = [];
+    this.readAt = -Infinity;
     this.title = element('p', { class: 'list-title' });
     this.table = element('div', { class: 'list', tabindex: '0', role: 'region', 'aria-label': 'Offsets' });
     this.node = element('div', { class: 'column' }, element('div', { class: 'list-head' }, this.title), this.table);
     store.on('state control link', () => this.showState());
+    store.on('state', () => this.readAgain());
     onSettingChange(() => this.showTable());
   }
 
+  /** Reads the offsets again while they are shown: a block, an edge of a sheet or another page may have changed them. */
+  readAgain() {
+    if (!this.offsets || this.node.offsetParent === null || this.later) return;
+    this.later = setTimeout(
+      () => {
+        this.later = null;
+        if (this.node.offsetParent !== null) this.onShow();
+      },
+      Math.max(this.readAt + READ_AGAIN_MS - performance.now(), 100),
+    );
+  }
+
   async onShow() {
+    this.readAt = performance.now();
     try {
       const { value, version } = await this.connection.read('/api/v1/offsets');
       Object.assign(this, { offsets: value, version });

@@ -14,6 +14,7 @@ export class PositionTable {
   constructor(place, store, { openZero }) {
     Object.assign(this, { place, store, openZero });
     this.rows = [];
+    this.keyAxis = 0;
     store.on('hello', hello => this.build(hello));
     store.on('state', () => this.showHoming());
     onSettingChange(() => {
@@ -24,7 +25,8 @@ export class PositionTable {
   build(hello) {
     this.rows = hello.machine.axes.map(axis => {
       const name = axis.letter.toUpperCase();
-      const homing = element('small');
+      const homing = element('small'),
+        keys = element('small', { class: 'jog-keys', title: `The keys [ and ] jog ${name}`, text: '[ ]' });
       const letter = element(
         'button',
         {
@@ -35,6 +37,7 @@ export class PositionTable {
         },
         name,
         homing,
+        keys,
       );
       const work = element('td', { class: 'work' }),
         machine = element('td'),
@@ -42,6 +45,7 @@ export class PositionTable {
       return {
         axis,
         homing,
+        keys,
         work,
         machine,
         toGo,
@@ -61,7 +65,20 @@ export class PositionTable {
     this.place.classList.toggle('many', this.rows.length > 3);
     setChildren(this.place, element('table', {}, head, element('tbody', {}, ...this.rows.map(row => row.row))));
     this.showHoming();
+    this.showKeyAxis();
     this.show();
+  }
+
+  /** Sets the axis that the keys [ and ] jog. */
+  setKeyAxis(index) {
+    this.keyAxis = index;
+    this.showKeyAxis();
+  }
+
+  showKeyAxis() {
+    this.rows.forEach((row, index) => {
+      row.keys.hidden = index !== this.keyAxis;
+    });
   }
 
   showHoming() {

@@ -86,12 +86,15 @@ export class StateLine {
     this.shownSuggestions = key;
     setChildren(
       this.next,
-      ...ids.map(id =>
-        button(actions.label(id), () => actions.perform(id), {
-          class: 'suggestion',
+      ...ids.map(id => {
+        const node = button(actions.label(id), () => actions.perform(id), {
+          class: id === suggested[0] && id === 'recover' ? 'suggestion main' : 'suggestion',
           title: actions.row(id)?.help,
-        }),
-      ),
+        });
+        // The words beside them name the keys.
+        node.append(element('small', { text: actions.keyText(id) }));
+        return node;
+      }),
     );
   }
 

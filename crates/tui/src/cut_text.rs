@@ -8,9 +8,9 @@ use crate::model::ScreenModel;
 
 /// Why the machine stands in a cut that ends in this line.
 pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
-    let lost = model.lost_cutter.map(|channel| format!("{} went out; ", model.facts.output_name(channel)));
-    let keys = "k goes back, FIRES and cuts on; c asks, and fires here";
-    format!("{}the cut ends in line {line}; {keys}", lost.unwrap_or_default())
+    let lost = model.lost_cutter.map(|channel| format!("{} went out", model.facts.output_name(channel)));
+    let what = lost.unwrap_or_else(|| "the cut ends".into());
+    format!("{what} in line {line}; k goes back, FIRES and cuts on; c asks, and fires here")
 }
 
 /// What a cutter does that is being started.

@@ -520,10 +520,14 @@ impl ScreenModel {
         self.program_outputs.get(&channel).copied().unwrap_or(0)
     }
 
-    /// Adds a message. A recent repetition is counted instead.
+    /// Adds a message. Where it repeats the last one, it is counted instead; a diagnostic also where it repeats a recent
+    /// one: several faults that take turns are one message each.
     pub fn add_message(&mut self, time_s: f64, line: u32, text: impl Into<String>) {
         let text = text.into();
-        let recent = self.messages.len().saturating_sub(REPEATED_WITHIN);
+        let mut letters = text.chars();
+        let is_diagnostic =
+            matches!(letters.next(), Some('E' | 'W')) && letters.next().is_some_and(|c| c.is_ascii_digit());
+        let recent = self.messages.len().saturating_sub(if is_diagnostic { REPEATED_WITHIN } else { 1 });
         let same =
             (recent..self.messages.len()).find(|&at| self.messages[at].text == text && self.messages[at].line == line);
         let times = same.and_then(|at| self.messages.remove(at)).map_or(1, |before| before.times.saturating_add(1));

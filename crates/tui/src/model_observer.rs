@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
 use retrace_controller::{
-    CutterOffReason, DncEvent, DncStep, Event, EventKind, ExecutedPath, Observer, OperatorCommand, PathKind,
-    PeriodRecord, Telemetry,
+    CutterOffReason, CutterState, DncEvent, DncStep, Event, EventKind, ExecutedPath, Observer, OperatorCommand,
+    PathKind, PeriodRecord, Telemetry,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, RecordIndex};
@@ -390,6 +390,10 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::CommandRejected(_) if model.mode == Mode::Run => model.recovering = false,
         EventKind::CutterState { channel, state, contour } => {
             model.cutter_states.insert(*channel, (*state, *contour));
+            // Why it was off before says nothing once it is on again.
+            if matches!(state, CutterState::Igniting | CutterState::Piercing | CutterState::Cutting) {
+                model.cutter_off_reasons.remove(channel);
+            }
         }
         EventKind::CutEnd { line, .. } => model.cut_end_line = Some(*line),
         EventKind::CutFromHere { .. } => model.recovering = false,

@@ -16,7 +16,7 @@ pub(crate) fn with_keys(model: &ScreenModel) -> String {
         [first] => {
             format!("1st point {}; jog along the edge, E takes the 2nd (E here: forget it)", place(first))
         }
-        [_, _, ..] => format!("E, then y sets it: {}", of(model)),
+        [_, _, ..] => format!("{}; E, then y sets it", of(model)),
         [] => of(model),
     }
 }
@@ -27,16 +27,16 @@ pub fn of(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [] => "jog to the zero of the job on the edge of the sheet, then take the first point".into(),
         [first] => format!(
-            "first point at {}; jog along the edge, then take the second one; here again it is forgotten",
+            "first point at {}; jog along the edge, then take the second one; taken here again, the first is forgotten",
             place(first)
         ),
         [first, second, ..] => match SheetEdge::through(first, second) {
             Ok(edge) => format!(
-                "NOT SET YET: {:.1} mm of the edge along {}: zero at {}, turned by {:+.3}°",
-                edge.length_mm,
-                if edge.is_along_y { "Y" } else { "X" },
+                "NOT SET YET: work zero to {}, turned by {:+.3}°, by {:.1} mm of the edge along {}",
                 place(first),
-                edge.angle_deg
+                edge.angle_deg,
+                edge.length_mm,
+                if edge.is_along_y { "Y" } else { "X" }
             ),
             Err(refusal) => refusal.cause,
         },
@@ -76,7 +76,7 @@ pub fn travel_left(model: &ScreenModel) -> Option<[[f64; 2]; 2]> {
     placement_of_whole(model)?.travel_left(&outline, travel_mm)
 }
 
-/// What the contours would leave of the travel.
+/// How much of the travel is left around the contours.
 #[must_use]
 pub fn travel_text(model: &ScreenModel) -> Option<String> {
     if placed(model).is_some_and(|placed| !placed.is_turned_whole) {
@@ -92,7 +92,7 @@ pub fn travel_text(model: &ScreenModel) -> Option<String> {
         sides.iter().filter(|(_, mm)| *mm < 0.0).map(|(side, mm)| format!("{side} by {:.1} mm", -mm)).collect();
     Some(if beyond.is_empty() {
         let left = sides.map(|(side, mm)| format!("{side} {mm:.1}"));
-        format!("The contours would leave of the travel: {} mm", left.join(", "))
+        format!("Travel left around the contours: {} mm", left.join(", "))
     } else {
         format!("The contours would be BEYOND THE TRAVEL: {}", beyond.join(", "))
     })

@@ -182,6 +182,14 @@ fn a_fault_that_comes_again_and_again_is_one_message() {
 }
 
 #[test]
+fn moves_that_are_the_same_are_counted_while_nothing_else_is_between_them() {
+    let [x, y] = ["X moved by 10.000 mm", "Y moved by 10.000 mm"];
+    let model = with_messages(&[x, x, y, x, x, x]);
+    let messages: Vec<_> = model.messages.iter().map(|message| (message.text.as_str(), message.times)).collect();
+    assert_eq!(messages, [(x, 2), (y, 1), (x, 3)]);
+}
+
+#[test]
 fn all_messages_are_shown_whole_and_all_keys_on_pages() {
     let long = "word ".repeat(60) + "end of it";
     let model = with_messages(&[&long, "the last"]);
@@ -324,7 +332,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     });
     set(Mode::Run, HoldReason::Hold, true);
     says("CUT INTERRUPTED");
-    says(" torch went out; the cut ends in line 13; k goes back, FIRES and cuts on");
+    says(" torch went out in line 13; k goes back, FIRES and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));
     says("operator: recover the cut");
     set(Mode::Reverse, HoldReason::None, false);
@@ -332,6 +340,10 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     event(EventKind::CutFromHere { moving: true });
     event(EventKind::RunResumed);
     event(EventKind::RestartSwitching("M3"));
+    assert_eq!(lock_model(&model).cutter_off_reasons.get(&64), Some(&"lost"));
+    event(EventKind::CutterState { channel: 64, state: CutterState::Igniting, contour: 2 });
+    assert_eq!(lock_model(&model).cutter_off_reasons.get(&64), None, "it is being lit again");
+    lock_model(&model).cutter_states.clear();
     set(Mode::AwaitOutputs, HoldReason::None, true);
     says("waiting for M3 to complete");
     set(Mode::Run, HoldReason::None, true);

@@ -200,6 +200,14 @@ fn offsets_and_tools_are_changed_by_a_tap() {
         user.key("Enter");
         machine.wait("the offset", |report| report["live"]["work"][1] == -12.5);
         user.wait("findByEye('.value', 'G54 Y: 12.500') !== null");
+        if screen.width > 600 {
+            // What is changed elsewhere is shown in the table that is open.
+            user.tap("[role=tab]", "MDI");
+            user.tap(".mdi-text", "");
+            user.type_text("G10 L2 P1 X7");
+            user.key("Enter");
+            user.wait("findByEye('.value', 'G54 X: 7.000') !== null");
+        }
         user.picture(&format!("offsets-{}", screen.width));
         user.tap("[role=tab]", "Tools");
         user.tap(".value", "T2 length");

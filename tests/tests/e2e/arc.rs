@@ -594,7 +594,7 @@ fn at_the_screen_an_interrupted_cut_takes_one_key() {
     terminal.wait_for_text("READY");
     terminal.keys("c");
     let interrupted = terminal.wait_for_text("CUT INTERRUPTED");
-    assert!(interrupted.contains("the cut ends in line 4") && interrupted.contains("k recover"), "{interrupted}");
+    assert!(interrupted.contains("went out in line 4") && interrupted.contains("k recover"), "{interrupted}");
     terminal.keys("k");
     let end = terminal.wait_for_text("ENDED");
     assert!(end.contains("completed"), "{end}");

@@ -49,7 +49,7 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         match taken_edge(&self.router.model) {
             Ok(edge) => {
                 let zero = sheet_text(&lock_model(&self.router.model)).replace("NOT SET YET: ", "");
-                self.add_message(format!("set by {zero}"));
+                self.add_message(format!("set: {zero}"));
                 self.forget_sheet();
                 self.perform_task(&ManualTask::Mdi(edge.block(&self.mdi_context.active())));
             }
