@@ -1,6 +1,7 @@
 //! The run-in of a thread along Z, which a program reads as `#<_thread_run_in>` (SPN-13).
 //!
-//! Invariant: it is the figure of the planner that plans the thread itself.
+//! Invariant: no thread of that pitch and speed needs more, wherever it begins and however long it is: it is the figure
+//! of the planner that plans the thread itself, and the distance of one record more, by which a thread may differ.
 
 use std::sync::Arc;
 
@@ -37,7 +38,10 @@ impl ThreadRunIn for ThreadMachine {
             let piece = ThreadPiece { end_mm, pitch_mm, mode: PathMode::ExactStop, line: 0 };
             let stretch = ThreadStretch { pieces: vec![piece], rpm, start_degrees: 0.0 };
             match ThreadCheck::default().run_mm(&stretch, &self.0, encoder, [0.0; 9]) {
-                Ok([run_in, run_out]) => return Some(run_in.max(run_out)),
+                Ok([run_in, run_out]) => {
+                    let records = 60.0 / (rpm * encoder.thread_margin * self.0.period_s());
+                    return Some(run_in.max(run_out) + pitch_mm / records.floor().max(1.0));
+                }
                 Err(ThreadError::TooShort { .. }) => turns *= 2.0,
                 Err(_) => return None,
             }

@@ -37,7 +37,7 @@ fn threads_and_cycles_are_checked_and_cut() {
 }
 
 /// A program begins a thread as far before the work as its axes need: what it reads is what the check tells of the
-/// thread that follows, in its own unit.
+/// thread that follows, or a little more, in its own unit.
 #[test]
 fn a_program_reads_the_run_in_of_its_thread() {
     for (unit, mm, pitch, rpm) in [("G21", 1.0, 1.5, 1000), ("G21", 1.0, 3.0, 600), ("G20", 25.4, 0.05, 900)] {
@@ -55,8 +55,9 @@ fn a_program_reads_the_run_in_of_its_thread() {
         let run = Run::of(&bench, &path, &["--machine", &machine]);
         let text = run.of_kind("message").find_map(|message| message["text"].as_str()?.strip_prefix("run-in "));
         let read: f64 = text.and_then(|text| text.parse().ok()).expect("a figure");
-        let off = read * mm - longest[0].max(longest[1]);
-        assert!(off.abs() < 0.002 * mm && read > 0.0, "{unit} {pitch} S{rpm}: {read} for {longest:?}");
+        let more = read * mm - longest[0].max(longest[1]);
+        // At most two records of a turn that has 40 or more.
+        assert!((0.0..pitch * mm / 20.0).contains(&more), "{unit} {pitch} S{rpm}: {read} for {longest:?}");
     }
 }
 
@@ -69,7 +70,7 @@ fn a_run_in_that_is_not_known_is_refused() {
         (ENCODER, format!("M3\n{pitch}")),
         (ENCODER, format!("G96 S100 D2000 M3\n{pitch}")),
         (ENCODER, "S1000 M3\n#<_thread_pitch> = 50\n".to_owned()),
-        ("", format!("S1000 M3\n{pitch}")),
+        ("[spindle]\nmax_rpm = 3000\n", format!("S1000 M3\n{pitch}")),
     ] {
         let bench = Bench::new();
         bench.file("m.toml", machine);
