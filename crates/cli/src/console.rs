@@ -172,12 +172,16 @@ impl<'m, const A: usize> Console<'m, A> {
             Rate::ONE => String::new(),
             rate => format!(", rapids {:.0} %", percent(rate)),
         };
+        let spindle = match status.speed_override {
+            Rate::ONE => String::new(),
+            rate => format!(", S {:.0} %", percent(rate)),
+        };
         let off = if status.override_is_off { " (switched off by the program)" } else { "" };
         let held = status.hold_reason == HoldReason::Hold;
         let state = if held { "hold".into() } else { format!("{:?}", status.mode).to_lowercase() };
         bar.set_position(u64::from(status.line));
         bar.set_message(format!(
-            "{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %{rapids}{off}  {state}"
+            "{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %{rapids}{spindle}{off}  {state}"
         ));
     }
 }

@@ -255,6 +255,7 @@ mod tests {
             hold_reason: HoldReason::None,
             override_rate: retrace_core::Rate::ONE,
             rapid_override: retrace_core::Rate::ONE,
+            speed_override: retrace_core::Rate::ONE,
             override_is_off: false,
             off_path: false,
             contour,

@@ -255,6 +255,7 @@ mod tests {
             hold_reason: HoldReason::None,
             override_rate: Rate::ONE,
             rapid_override: Rate::ONE,
+            speed_override: Rate::ONE,
             override_is_off: false,
             off_path: false,
             contour: 0,

@@ -104,6 +104,8 @@ pub enum OperatorCommand {
     Override(Rate),
     /// Rapid override, 0 … 1.
     RapidOverride(Rate),
+    /// Override of the speed of the spindle, 0.1 … 2.
+    SpeedOverride(Rate),
     /// Turns the handwheel at a constant speed for some time.
     Wheel {
         /// Counts per second, signed.
@@ -228,6 +230,7 @@ impl fmt::Display for OperatorCommand {
             Self::Forward(rate) => write!(f, "forward {:.0}%", rate_percent(*rate)),
             Self::Override(rate) => write!(f, "override {:.0}%", rate_percent(*rate)),
             Self::RapidOverride(rate) => write!(f, "rapid override {:.0}%", rate_percent(*rate)),
+            Self::SpeedOverride(rate) => write!(f, "speed override {:.0}%", rate_percent(*rate)),
             Self::Wheel { counts_per_s, seconds } => write!(f, "wheel {counts_per_s} for {seconds}s"),
             Self::Leave { ask: false } => write!(f, "leave"),
             Self::Leave { ask: true } => write!(f, "leave ask"),

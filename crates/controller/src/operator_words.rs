@@ -80,6 +80,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["forward", rate] => OperatorCommand::Forward(parse_rate(rate)?),
         ["override", rate] => OperatorCommand::Override(parse_rate(rate)?),
         ["rapid", "override", rate] => OperatorCommand::RapidOverride(parse_rate(rate)?),
+        ["speed", "override", rate] => OperatorCommand::SpeedOverride(parse_rate(rate)?),
         ["wheel", counts, "for", time] => {
             let counts_per_s = parse_number(counts)?;
             if counts_per_s.abs() > 1e6 {
@@ -209,6 +210,7 @@ fn usage_example(word: &str) -> &'static str {
         "cutter" => "cutter off · cutter on",
         "optional" => "optional stop on · optional stop off",
         "rapid" => "rapid override 50%",
+        "speed" => "speed override 80%",
         "sense" => "sense test",
         "consumables" => "consumables changed",
         "skip" => "skip contour · skip contour 3 · skip contour 3 off",
@@ -351,7 +353,8 @@ mod tests {
             ask|agree|output 3 on|single|\
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
-            off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw|\
+            off|rapid override 25%|\
+            speed override 80%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw|\
             contours|skip contour|skip contour 7|skip contour 7 off|back to contour 3|test pulse|\
             sense test|consumables changed";
         for written in deeds.split('|') {

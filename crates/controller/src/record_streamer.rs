@@ -30,6 +30,7 @@ use crate::restart::{OutputOrigins, RestartStep};
 use block_window::BlockWindow;
 pub(crate) use lead_in::{LeadIn, LeadInEnd, LeadInMove};
 use override_switches::OverrideSwitches;
+pub(crate) use override_switches::SpeedShare;
 
 /// How far ahead records may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -69,6 +69,8 @@ pub struct PeriodRecord<const A: usize> {
     pub override_rate: Rate,
     /// Rapid override, 0 … 1.
     pub rapid_override: Rate,
+    /// Speed override of the spindle, 0.1 … 2.
+    pub speed_override: Rate,
     /// Whether the program has switched both off here (M49).
     pub override_is_off: bool,
     /// Whether the machine is off the path: jogging, homing, or returning to a breakpoint. The places are then those of
@@ -113,6 +115,7 @@ impl<const A: usize> PeriodRecord<A> {
             hold_reason: HoldReason::None,
             override_rate: Rate::ONE,
             rapid_override: Rate::ONE,
+            speed_override: Rate::ONE,
             override_is_off: false,
             off_path: false,
             contour: 0,

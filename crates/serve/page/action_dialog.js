@@ -10,7 +10,7 @@ const PLACED = new Set(
   (
     'hold quit turn jog jog-down jog-up next-axis step view zoom-in zoom-out pan fit messages help tools shop-jobs contours ' +
     'open-program mdi probe work-zero faster slower whole rapid-override output reverse forward wheel cycle-start leave ' +
-    'back-by single dry-run'
+    'spindle-faster spindle-slower back-by single dry-run'
   ).split(' '),
 );
 

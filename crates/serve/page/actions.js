@@ -74,6 +74,7 @@ export class ActionTable {
     this.page = {};
     this.retracePercent = { mode: '', percent: 100 };
     this.wantedOverride = { percent: 100, at: -Infinity };
+    this.wantedSpeed = { percent: 100, at: -Infinity };
     // What is accepted is what the dialog shows.
     store.on('state', () => {
       if (openDialogKey() === 'sheet' && JSON.stringify(store.state.sheet) !== this.shownSheet) closeDialog('sheet');
@@ -164,6 +165,23 @@ export class ActionTable {
       ? (RAPID_PERCENTS.find(percent => percent < shown) ?? 0)
       : (RAPID_PERCENTS.findLast(percent => percent > shown) ?? 100);
     this.orders.send(`rapid override ${next}%`);
+  }
+
+  /** Changes the override of the spindle speed by some percent. Presses in quick succession add up. */
+  changeSpeedOverride(difference) {
+    const now = performance.now();
+    const shown = Math.round(this.store.state.speed_override * 10) * 10;
+    const from = now - this.wantedSpeed.at < NEW_PERCENT_MS ? this.wantedSpeed.percent : shown;
+    const percent = Math.min(Math.max(from + difference, 10), 200);
+    this.wantedSpeed = { percent, at: now };
+    this.orders.send(`speed override ${percent}%`);
+  }
+
+  performSpindleFaster() {
+    this.changeSpeedOverride(10);
+  }
+  performSpindleSlower() {
+    this.changeSpeedOverride(-10);
   }
 
   performRapidOverride() {

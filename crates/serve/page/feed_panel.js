@@ -57,11 +57,12 @@ export class FeedPanel {
     this.height = new HeightLine(store, actions);
     this.feedOverride = this.overrideKeys('feed', 'slower');
     this.rapidOverride = this.overrideKeys('rapid', 'rapid-override');
+    this.speedOverride = this.overrideKeys('speed', 'spindle-faster');
     this.outputs = element('div', { class: 'outputs', role: 'group', 'aria-label': 'Outputs' });
     this.outputButtons = [];
     place.append(
       element('div', { class: 'figures' }, this.feed.node, this.rate.node, this.left.node, this.run.node, this.spindle.node),
-      element('div', { class: 'overrides' }, this.feedOverride.node, this.rapidOverride.node),
+      element('div', { class: 'overrides' }, this.feedOverride.node, this.rapidOverride.node, this.speedOverride.node),
       this.cutter,
       this.height.node,
       this.outputs,
@@ -72,8 +73,12 @@ export class FeedPanel {
   }
 
   overrideKeys(name, id) {
-    const isFeed = name === 'feed',
-      { orders, actions } = this;
+    const { orders, actions } = this;
+    const change = {
+      feed: up => actions.changeOverride(up ? 10 : -10),
+      rapid: up => actions.changeRapidOverride(!up),
+      speed: up => actions.changeSpeedOverride(up ? 10 : -10),
+    }[name];
     const run = perform => event => {
       if (!isOff(event.currentTarget)) perform();
     };
@@ -82,7 +87,7 @@ export class FeedPanel {
       {
         type: 'button',
         'aria-label': `${name} override down`,
-        on: { click: run(() => (isFeed ? actions.changeOverride(-10) : actions.changeRapidOverride(true))) },
+        on: { click: run(() => change(false)) },
       },
       sign('minus'),
     );
@@ -91,7 +96,7 @@ export class FeedPanel {
       {
         type: 'button',
         'aria-label': `${name} override up`,
-        on: { click: run(() => (isFeed ? actions.changeOverride(10) : actions.changeRapidOverride(false))) },
+        on: { click: run(() => change(true)) },
       },
       sign('plus'),
     );
@@ -102,7 +107,7 @@ export class FeedPanel {
         type: 'button',
         class: 'whole',
         title: 'Set to 100 %',
-        on: { click: run(() => orders.send(isFeed ? 'override 100%' : 'rapid override 100%')) },
+        on: { click: run(() => orders.send(name === 'feed' ? 'override 100%' : `${name} override 100%`)) },
       },
       element('small', { text: name }),
       value,
@@ -202,6 +207,7 @@ export class FeedPanel {
     for (const [keys, share] of [
       [this.feedOverride, state.override],
       [this.rapidOverride, state.rapid_override],
+      [this.speedOverride, state.speed_override],
     ]) {
       setText(keys.value, formatPercent(share) + (isOff ? ' · off' : ''));
       keys.whole.title = isOff ? 'Switched off by the program: it runs at 100 %' : 'Set to 100 %';

@@ -115,6 +115,7 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
                     | OperatorCommand::Pause
                     | OperatorCommand::Override(_)
                     | OperatorCommand::RapidOverride(_)
+                    | OperatorCommand::SpeedOverride(_)
                     | OperatorCommand::CutterOff
                     | OperatorCommand::SkipContourAhead { .. }
                     | OperatorCommand::ConsumablesChanged

@@ -48,6 +48,7 @@ pub(crate) struct StateView {
     #[serde(rename = "override")]
     feed_override: f64,
     rapid_override: f64,
+    speed_override: f64,
     /// Whether the program has switched both overrides off where the machine is.
     override_is_off: bool,
     override_max: f64,
@@ -344,6 +345,7 @@ impl StateView {
             dry_run: model.dry_run,
             feed_override: rounded(model.override_rate, 1e4),
             rapid_override: rounded(model.rapid_override, 1e4),
+            speed_override: rounded(model.speed_override, 1e4),
             override_is_off: model.override_is_off,
             override_max: rounded(model.override_planned, 1e4),
             line: model.line,

@@ -88,6 +88,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Forward(rate) => format!("forward run, {:.0} %", rate_percent(*rate)),
         OperatorCommand::Override(rate) => format!("override {:.0} %", rate_percent(*rate)),
         OperatorCommand::RapidOverride(rate) => format!("rapid override {:.0} %", rate_percent(*rate)),
+        OperatorCommand::SpeedOverride(rate) => format!("speed override {:.0} %", rate_percent(*rate)),
         OperatorCommand::Wheel { .. } => "handwheel".into(),
         OperatorCommand::Leave { ask: false } => "forward, then resume".into(),
         OperatorCommand::Leave { ask: true } => "forward, then resume, asking before outputs change".into(),

@@ -365,6 +365,7 @@ impl FakeMachine {
             hold_reason: standing,
             override_rate: self.operation.override_rate(),
             rapid_override: self.operation.rapid_override(),
+            speed_override: Rate::ONE,
             override_is_off: false,
             off_path: lock_model(&self.model).stage == ScreenStage::Setup,
             contour: 0,

@@ -170,6 +170,12 @@ pub(crate) struct KeyState {
     overridden: Option<(f64, u64)>,
 }
 
+/// The order for a speed override that differs by some per cent from the one in force.
+fn speed_override(model: &ScreenModel, by: f64) -> OperatorCommand {
+    let percent = ((model.speed_override * 10.0).round() * 10.0 + by).clamp(10.0, 200.0);
+    OperatorCommand::SpeedOverride(Rate::percent(percent as i64))
+}
+
 impl KeyState {
     /// State with a jog step of 1 mm.
     #[must_use]
@@ -303,6 +309,8 @@ impl KeyState {
                 self.overridden = Some((100.0, now_ms));
                 OperatorCommand::Override(Rate::ONE)
             }
+            KeyAction::SpindleFaster => speed_override(model, 10.0),
+            KeyAction::SpindleSlower => speed_override(model, -10.0),
             KeyAction::RapidOverride => {
                 let next = RAPID_OVERRIDES.iter().find(|&&percent| percent < model.rapid_override * 100.0 - 0.5);
                 OperatorCommand::RapidOverride(Rate::percent(next.unwrap_or(&100.0).round() as i64))

@@ -91,6 +91,10 @@ pub(crate) enum KeyAction {
     Whole,
     /// Rapid override, next step down.
     RapidOverride,
+    /// Override of the spindle speed up.
+    SpindleFaster,
+    /// Override of the spindle speed down.
+    SpindleSlower,
     /// Single block.
     Single,
     /// Pause.
@@ -341,6 +345,8 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::Faster),
     row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, KeyAction::Slower),
     row(&[Key::Char('0')], "0", "100 %", "feed override 100 %", JOB, KeyAction::Whole),
+    row(&[Key::Char(')')], ")", "S up", "spindle speed override 10 % up", JOB, KeyAction::SpindleFaster),
+    row(&[Key::Char('(')], "(", "S down", "spindle speed override 10 % down", JOB, KeyAction::SpindleSlower),
     row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, KeyAction::RapidOverride),
     row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, KeyAction::Single),
     row(&[Key::Char('p')], "p", "pause", "pause: move away from the path and return", RUN, KeyAction::Pause),

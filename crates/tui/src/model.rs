@@ -218,6 +218,8 @@ pub struct ScreenModel {
     pub override_rate: f64,
     /// Rapid override; 1 is 100 %.
     pub rapid_override: f64,
+    /// Speed override of the spindle, 0.1 … 2.
+    pub speed_override: f64,
     /// Whether the program has switched both off where the machine is (M49).
     pub override_is_off: bool,
     /// Override that the plan permits, 1 or more.
@@ -347,6 +349,7 @@ impl ScreenModel {
             follows_spindle: false,
             override_rate: 1.0,
             rapid_override: 1.0,
+            speed_override: 1.0,
             override_is_off: false,
             override_planned: 1.0,
             line: 0,

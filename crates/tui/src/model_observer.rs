@@ -276,6 +276,7 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
     model.rate = f64::from(period.rate);
     model.override_rate = f64::from(period.override_rate);
     model.rapid_override = f64::from(period.rapid_override);
+    model.speed_override = f64::from(period.speed_override);
     model.override_is_off = period.override_is_off;
     model.at_cutter_boundary &= period.at_rest;
     if period.hold_reason != HoldReason::ProgramStop {

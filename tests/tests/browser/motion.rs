@@ -96,6 +96,13 @@ fn overrides_are_set_by_touch() {
     machine.wait("50 %", |report| report["state"]["rapid_override"] == 0.5);
     user.tap("#feed .whole", "rapid");
     machine.wait("100 %", |report| report["state"]["rapid_override"] == 1.0);
+    user.tap("#feed button", "speed override up");
+    machine.wait("110 %", |report| report["state"]["speed_override"] == 1.1);
+    user.tap("#feed button", "speed override down");
+    user.tap("#feed button", "speed override down");
+    machine.wait("90 %", |report| report["state"]["speed_override"] == 0.9);
+    user.tap("#feed .whole", "speed");
+    machine.wait("100 %", |report| report["state"]["speed_override"] == 1.0);
 }
 
 /// The keys of the table: motion, handwheel, overrides, tabs.

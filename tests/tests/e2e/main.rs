@@ -63,6 +63,7 @@ mod shop_page;
 mod shop_screen;
 #[cfg(unix)]
 mod sparkplug;
+mod speed_override;
 #[cfg(unix)]
 mod start_points;
 #[cfg(unix)]

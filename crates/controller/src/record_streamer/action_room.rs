@@ -17,13 +17,15 @@ impl<const A: usize> RecordStreamer<'_, A> {
     /// Sends an action of a record ahead, by its index. False where it has to wait.
     pub(super) fn send_action_ahead<C: MotionCard<A>>(&self, card: &mut C, action: usize) -> bool {
         let (next, _) = &self.actions[action];
-        self.is_dark(next) || self.make_room_ahead(card, action) && card.send(HostCommand::Action(*next)).is_ok()
+        self.is_dark(next)
+            || self.make_room_ahead(card, action) && card.send(HostCommand::Action(self.as_sent(next))).is_ok()
     }
 
     /// Sends an action of a record behind, by its index. False where it has to wait.
     pub(super) fn send_action_behind<C: MotionCard<A>>(&self, card: &mut C, action: usize) -> bool {
         let (next, _) = &self.actions[action];
-        self.is_dark(next) || self.make_room_behind(card, action) && card.send(HostCommand::Action(*next)).is_ok()
+        self.is_dark(next)
+            || self.make_room_behind(card, action) && card.send(HostCommand::Action(self.as_sent(next))).is_ok()
     }
 
     /// Makes room for an action ahead, by its index: the card forgets records far behind the cursor. False where that

@@ -5,9 +5,10 @@
 use std::collections::VecDeque;
 
 use retrace_core::{Place, RecordIndex};
-use retrace_link::CardStatus;
+use retrace_link::{CardStatus, OutputAction, SpindleTask, channel};
 
 use super::RecordStreamer;
+use crate::question::Question;
 
 /// Capacity.
 const MAX_SWITCHES: usize = 4096;
@@ -19,11 +20,34 @@ pub(super) struct OverrideSwitches {
     switches: VecDeque<(RecordIndex, bool)>,
     /// Whether overrides apply before the first one.
     applies_before: bool,
+    /// What S is multiplied with where it is sent.
+    speed: SpeedShare,
+}
+
+/// Share of the speed of the spindle, and the range that it does not leave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SpeedShare {
+    /// The share in per cent.
+    pub(crate) percent: i64,
+    /// Least and greatest speed, in thousandths of a turn per minute.
+    pub(crate) range: [i32; 2],
+}
+
+impl SpeedShare {
+    const WHOLE: Self = Self { percent: 100, range: [0, i32::MAX] };
+
+    /// What a programmed speed becomes. One that is out of the range already is not moved further out.
+    pub(crate) fn of(&self, speed: i32) -> i32 {
+        let [least, greatest] = self.range;
+        let share = i64::from(speed) * self.percent / 100;
+        let bounded = share.clamp(least.min(speed).into(), greatest.max(speed).into());
+        i32::try_from(bounded).unwrap_or(speed)
+    }
 }
 
 impl OverrideSwitches {
     pub(super) fn new() -> Self {
-        Self { switches: VecDeque::with_capacity(MAX_SWITCHES), applies_before: true }
+        Self { switches: VecDeque::with_capacity(MAX_SWITCHES), applies_before: true, speed: SpeedShare::WHOLE }
     }
 
     /// Adds the switch that was executed last. Where there is no space, the oldest one is forgotten.
@@ -68,6 +92,28 @@ impl<const A: usize> RecordStreamer<'_, A> {
         self.override_switches.applies_at(join.filter(is_before).unwrap_or(status.place))
     }
 
+    /// Sets what S is multiplied with where it is sent.
+    pub(crate) fn set_speed_share(&mut self, share: SpeedShare) {
+        self.override_switches.speed = share;
+    }
+
+    /// An action as it is sent.
+    pub(super) fn as_sent(&self, action: &OutputAction) -> OutputAction {
+        let share = self.override_switches.speed;
+        let is_speed = action.channel == channel::SPEED;
+        let of = |value: i32| if is_speed { share.of(value) } else { value };
+        OutputAction { before: of(action.before), after: of(action.after), ..*action }
+    }
+
+    /// Whether the next instruction that is known makes the motion follow the spindle: a thread or a rigid tap.
+    #[must_use]
+    pub fn gear_is_next(&self) -> bool {
+        self.exclusives.front().is_some_and(|next| {
+            matches!(next.spindle, Some(SpindleTask::Gear(_)))
+                || matches!(next.question.as_deref(), Some(Question::Tap(_)))
+        })
+    }
+
     /// Place behind the cursor's at which overrides are switched next, as far as the program was executed.
     #[must_use]
     pub fn next_override_switch(&self, status: &CardStatus<A>) -> Option<RecordIndex> {
@@ -78,6 +124,23 @@ impl<const A: usize> RecordStreamer<'_, A> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// No override moves S out of the range of the spindle, nor further out of it, and 100 % changes nothing.
+        #[test]
+        fn an_overridden_speed_stays_in_the_range(
+            speed in 0..4_000_000i32, percent in 10..=200i64, least in 0..500_000i32, more in 0..3_000_000i32,
+        ) {
+            let range = [least, least + more];
+            let of = SpeedShare { percent, range }.of(speed);
+            let is_in_range = |speed: i32| (range[0]..=range[1]).contains(&speed);
+            prop_assert!(is_in_range(of) || !is_in_range(speed), "{}", of);
+            prop_assert!((speed - of).signum() == (100 - percent).signum() as i32 || of == speed, "{}", of);
+            prop_assert!(of != speed || percent == 100 || speed < 10 || speed <= range[0] || speed >= range[1]);
+            prop_assert_eq!(SpeedShare { percent: 100, range }.of(speed), speed);
+        }
+    }
 
     #[test]
     fn a_switch_counts_from_its_place_on_and_the_oldest_is_forgotten_for_space() {

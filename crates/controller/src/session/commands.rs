@@ -85,6 +85,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Lead(shape) => self.set_lead(shape),
             OperatorCommand::Override(rate) => return self.request_override(rate),
             OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
+            OperatorCommand::SpeedOverride(rate) => return self.set_speed_override(rate),
             OperatorCommand::Output { number, on } => return self.switch_output(number, on),
             OperatorCommand::CutterOff => self.cutter_off(),
             OperatorCommand::CutterOn => return self.cutter_on(),

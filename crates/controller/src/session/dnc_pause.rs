@@ -60,6 +60,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
             OperatorCommand::Override(_)
             | OperatorCommand::RapidOverride(_)
+            | OperatorCommand::SpeedOverride(_)
             | OperatorCommand::Output { .. }
             | OperatorCommand::CutterOff
             | OperatorCommand::TestPulse

@@ -61,6 +61,11 @@ impl GearedMotion {
         }
     }
 
+    /// Whether a place lies in the thread that the motion path entered last, or it begins there.
+    pub(super) fn is_in_thread(&self, place: RecordIndex) -> bool {
+        self.thread.is_some_and(|thread| !place.is_before(thread.first) && place.is_before(thread.end))
+    }
+
     /// Whether the tap in progress is reversed out of its hole.
     pub(super) const fn reverses_tap(&self) -> bool {
         self.reverses_tap

@@ -68,6 +68,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn outputs_compared_with(&self, wants: &Outputs) -> Outputs {
         let outputs = self.manual_outputs.compared_with(&self.card.status().outputs, wants);
         let outputs = self.without_geared_spindle(outputs, wants);
+        let outputs = self.without_speed_override(outputs, wants);
         without_height_control(outputs, wants, self.recovery.machine().height_control())
     }
 

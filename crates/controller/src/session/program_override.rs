@@ -4,18 +4,23 @@
 //! switched off, and the operator's elsewhere. The rate changes at rest. A switch is no start: at an override of 0 the
 //! instruction that switches it off is not executed.
 
+mod speed_override;
+
 use retrace_core::mode::{Mode, ModeController, ModeOutput, ModeState, MotionFacts};
 use retrace_core::{Rate, RecordIndex};
 use retrace_link::{CardStatus, MotionCard};
 
 use super::Session;
 use crate::event::EventKind;
+use speed_override::SpeedOverride;
 
 /// What was reported of the program's switch.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ProgramOverride {
     /// Whether the overrides are reported as switched off.
     is_reported_off: bool,
+    /// Override of the speed of the spindle.
+    speed: SpeedOverride,
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -33,7 +38,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Advances the mode by a period. Where overrides do not apply, it sees both of them at 100 %.
     pub(super) fn advance_mode(&mut self, facts: &MotionFacts) -> ModeOutput {
         if self.override_applies() {
-            return self.mode_controller.advance_period(facts);
+            let output = self.mode_controller.advance_period(facts);
+            return self.with_feed_per_turn(output);
         }
         let state = self.mode_controller.state();
         let (override_rate, rapid_override) = (state.override_rate, state.rapid_override);
@@ -42,7 +48,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let output = controller.advance_period(facts);
         self.mode_controller =
             ModeController::with_state(ModeState { override_rate, rapid_override, ..controller.state() });
-        output
+        self.with_feed_per_turn(output)
     }
 
     /// Where records ahead end while the path is retraced: the furthest place, or the end of the thread around it. On

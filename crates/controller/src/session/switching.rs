@@ -88,6 +88,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if switches_cutter {
             self.streamer.mark_dark(place, self.contour_pass.is_dark);
         }
+        self.scale_speed(&mut changes[..usize::from(count)]);
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer, spindle };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);

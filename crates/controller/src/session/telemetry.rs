@@ -15,6 +15,8 @@ use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn emit_period(&mut self, status: &CardStatus<A>) {
+        self.apply_speed_share();
+        self.watch_speed_override(status);
         self.telemetry.send_output_changes(&self.outputs_as_set(&status.outputs));
         let contour = self.cut_map.current();
         let period = PeriodRecord {
@@ -27,6 +29,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             hold_reason: self.hold_reason(),
             override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
+            speed_override: self.asked_speed_override(),
             override_is_off: !self.override_applies(),
             off_path: self.is_on_lead_in(),
             line: self.line_at_cursor(status),
@@ -142,6 +145,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),
                 PassedItem::Active(active) => {
                     self.cut_map.record_compensation(active.compensation);
+                    self.note_speed_modes(&active);
                     self.telemetry.send(Telemetry::Active(active));
                 }
             }

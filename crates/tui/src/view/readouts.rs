@@ -66,7 +66,7 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: T
     let rows: [(&str, String, ReadoutColumn); 5] = [
         ("feed", format!("{:.0} mm/min", model.feed_mm_min), ReadoutColumn::Text(programmed(model))),
         ("rate", format!("{:.0} %", model.rate * 100.0), ReadoutColumn::Bar(model.rate)),
-        ("override", overrides(asked, model.rapid_override), effect),
+        ("override", overrides(asked, model), effect),
         (
             "history",
             format!("{} · {}", seconds(history_s), length(history_mm)),
@@ -94,9 +94,15 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: T
 }
 
 /// Formats the feed override, with the rapid override where it is not 100 %.
-fn overrides(feed: f64, rapid: f64) -> String {
-    let (feed, rapid) = (format!("{:.0} %", feed * 100.0), (rapid * 100.0).round());
-    if rapid == 100.0 { feed } else { format!("{feed}, rapids {rapid:.0} %") }
+fn overrides(feed: f64, model: &ScreenModel) -> String {
+    let mut text = format!("{:.0} %", feed * 100.0);
+    for (what, share) in [("rapids", model.rapid_override), ("S", model.speed_override)] {
+        let percent = (share * 100.0).round();
+        if percent != 100.0 {
+            text += &format!(", {what} {percent:.0} %");
+        }
+    }
+    text
 }
 
 /// Column to the right of a value.
