@@ -67,6 +67,8 @@ pub struct TuiOptions<'r> {
     pub commands: CommandReceiver,
     /// Observer that updates the screen.
     pub observer: ModelObserver,
+    /// Whether the job waits for the operator at the end of its program.
+    pub waits_at_end: bool,
     /// Result to show at the end.
     pub result: &'r mut JobResult,
 }
@@ -116,8 +118,8 @@ impl JobRunner<'_> {
     ) -> Result<u8, CommandFailure> {
         let Self { options, machine, program, input, start, mut journal, at_screen } = self;
         let (commands, show, result) = match at_screen {
-            Some(TuiOptions { commands, observer, result }) => {
-                (Some(commands), ConsoleOptions::Screen(Box::new(observer)), Some(result))
+            Some(TuiOptions { commands, observer, waits_at_end, result }) => {
+                (Some((commands, waits_at_end)), ConsoleOptions::Screen(Box::new(observer)), Some(result))
             }
             None => (None, ConsoleOptions::choose(options.json, program.lines()), None),
         };
@@ -140,7 +142,8 @@ impl JobRunner<'_> {
         // Without a screen, signals stop the job.
         let (signals, stops) = if commands.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
         let command_sources = match commands {
-            Some(commands) => script.with_operator(commands).with_release_at_end(),
+            Some((commands, true)) => script.with_operator(commands).with_release_at_end(),
+            Some((commands, false)) => script.with_operator(commands),
             None => match enter {
                 Some(enter) => script.with_operator(enter).with_stop_receiver(stops),
                 None => script.with_stop_receiver(stops),

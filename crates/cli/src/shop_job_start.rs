@@ -4,11 +4,13 @@
 //! from the look at the state of the job to that entry, so that a piece is started once.
 
 use retrace_config::NumberedError;
-use retrace_shop::{LedgerJob, RunRecorder, ShopFile};
+use retrace_shop::{RunRecorder, ShopFile};
 
 use crate::args;
 use crate::command_failure::CommandFailure;
-use crate::shop_piece::{check_machine_file, piece_of, read_jobs, ready_job, record_ended_runs};
+use crate::shop_piece::{
+    check_machine_file, check_repeat, not_repeatable, piece_of, read_jobs, ready_job, record_ended_runs,
+};
 use crate::{files, resume as resume_command, run as run_command};
 
 /// Runs the next piece of a shop job, or several, one after the other. Returns the exit code.
@@ -34,25 +36,6 @@ pub fn run(args: args::Run) -> Result<u8, CommandFailure> {
         }
     }
     Err(not_repeatable("0 pieces are none".into(), "give a number from 1").into())
-}
-
-/// Checks that so many pieces more may be run behind the next one.
-fn check_repeat(job: &LedgerJob, more: u32) -> Result<(), NumberedError> {
-    let id = job.job.id;
-    let missing = job.job.quantity.saturating_sub(job.good_pieces_now());
-    if more > 0 && !job.job.may_repeat {
-        let remedy = "start each piece by itself, without --repeat; `submit --may-repeat` permits a series";
-        return Err(not_repeatable(format!("job {id} does not permit a series of pieces"), remedy));
-    }
-    if more >= missing {
-        let what = format!("{missing} pieces of job {id} are missing, and not {}", more + 1);
-        return Err(not_repeatable(what, "give the number of those that are missing, or less"));
-    }
-    Ok(())
-}
-
-fn not_repeatable(what: String, remedy: &str) -> NumberedError {
-    NumberedError::new("E5043", what, remedy)
 }
 
 /// Error of `retrace serve --job`: the operator chooses the job on the page, where it is shown what is started.

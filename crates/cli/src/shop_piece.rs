@@ -18,21 +18,23 @@ pub fn record_ended_runs(ledger: &Path) -> Result<(), NumberedError> {
     if ledger.exists() { OpenLedger::open(ledger)?.record_ended_runs() } else { Ok(()) }
 }
 
-/// Prepares the next piece of a job for the screen of a machine that runs with this machine file: the same checks as
-/// before `retrace run --job`. Returns the recorder of its run, and its program.
+/// Prepares the next piece of a job, behind which so many more follow, for the screen of a machine that runs with this
+/// machine file: the same checks as before `retrace run --job`. Returns the recorder of its run, and its program.
 ///
 /// # Errors
 /// `E5004` where there is no such job, `E5012` where it is not ready, `E5013` where it has all its pieces, `E5014`
-/// where it was made for another machine file, `E5006` where its files were changed.
+/// where it was made for another machine file, `E5006` where its files were changed, `E5043` where so many pieces are
+/// not permitted.
 pub fn prepare_at_screen(
     shop_file: Option<&Path>,
-    id: &str,
+    (id, more): (&str, u32),
     machine_file: (Option<&Path>, &str),
 ) -> Result<(RunRecorder, PathBuf), NumberedError> {
     let jobs = read_jobs(&ShopFile::load(shop_file)?)?;
     // A screen names a job in full: a beginning is for people who type.
     let id = id.parse::<ShopJobId>().or_else(|_| jobs.find(id).and(Err(no_full_name(id))))?;
     let job = ready_job(&jobs, id)?;
+    check_repeat(job, more)?;
     check_machine_file(&job.job, machine_file.0, machine_file.1)?;
     Ok(piece_of(&jobs, job))
 }
@@ -65,6 +67,34 @@ pub fn ready_job(jobs: &ShopJobs, id: ShopJobId) -> Result<&LedgerJob, NumberedE
 pub fn piece_of(jobs: &ShopJobs, job: &LedgerJob) -> (RunRecorder, PathBuf) {
     let program = Inbox::of(&jobs.machine).program(job);
     (RunRecorder::new(jobs.machine.clone(), job.job.id, program.display().to_string()), program)
+}
+
+/// Checks that so many pieces more may be run behind the next one.
+///
+/// # Errors
+/// `E5043` where they may not.
+pub fn check_repeat(job: &LedgerJob, more: u32) -> Result<(), NumberedError> {
+    let id = job.job.id;
+    let missing = missing_pieces(job);
+    if more > 0 && !job.job.may_repeat {
+        let remedy = "start each piece by itself; `submit --may-repeat` permits a series";
+        return Err(not_repeatable(format!("job {id} does not permit a series of pieces"), remedy));
+    }
+    if more >= missing {
+        let what = format!("{missing} pieces of job {id} are missing, and not {}", more + 1);
+        return Err(not_repeatable(what, "give the number of those that are missing, or less"));
+    }
+    Ok(())
+}
+
+/// `E5043`: a series of pieces cannot be run.
+pub fn not_repeatable(what: String, remedy: &str) -> NumberedError {
+    NumberedError::new("E5043", what, remedy)
+}
+
+/// Number of pieces of a job that are not good yet.
+fn missing_pieces(job: &LedgerJob) -> u32 {
+    job.job.quantity.saturating_sub(job.good_pieces_now())
 }
 
 /// Compares the machine file with the one that the job was made for. Returns the warning where it is another one.

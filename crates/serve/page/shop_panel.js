@@ -152,12 +152,18 @@ export class ShopPanel {
   askToStart() {
     if (isOff(this.start) || !this.mayStart) return;
     const { job } = this;
+    const pieces = pieceChoice(job.most_pieces);
     openDialog({
       key: DIALOG,
       level: 'waiting',
-      title: 'Start a piece of this job?',
-      content: [factTable(job.start), element('p', { class: 'cause', text: 'The machine moves.' })],
-      choices: [{ label: 'Cancel' }, { label: 'Start', main: true, run: () => this.orders.send(`start job ${job.id}`) }],
+      title: job.most_pieces > 1 ? 'Start pieces of this job?' : 'Start a piece of this job?',
+      content: [factTable(job.start), pieces?.node, element('p', { class: 'cause', text: 'The machine moves.' })].filter(
+        Boolean,
+      ),
+      choices: [
+        { label: 'Cancel' },
+        { label: 'Start', main: true, run: () => this.orders.send(`start job ${job.id}${pieces?.words() ?? ''}`) },
+      ],
     });
   }
 
@@ -165,6 +171,26 @@ export class ShopPanel {
     setOff(this.start, !this.mayStart);
     if (openDialogKey() === DIALOG && !this.mayStart) closeDialog(DIALOG);
   }
+}
+
+/** The number of pieces that one start runs, from 1; none where the job permits no series. */
+function pieceChoice(most) {
+  if (!(most > 1)) return null;
+  let count = 1;
+  const shown = element('output', { 'aria-live': 'polite' });
+  const fewer = button('−', () => change(-1), { 'aria-label': 'fewer pieces' });
+  const more = button('+', () => change(1), { 'aria-label': 'more pieces' });
+  const change = by => {
+    count = Math.min(Math.max(count + by, 1), most);
+    setText(shown, count === 1 ? 'one piece' : `${count} of ${most} pieces, one after the other without a question`);
+    setOff(fewer, count === 1);
+    setOff(more, count === most);
+  };
+  change(0);
+  return {
+    node: element('div', { class: 'piece-choice', role: 'group', 'aria-label': 'number of pieces' }, fewer, more, shown),
+    words: () => (count > 1 ? ` ${count}` : ''),
+  };
 }
 
 function factTable(rows) {

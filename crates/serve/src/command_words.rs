@@ -41,7 +41,13 @@ pub(crate) fn parse(words: &str, model: &ScreenModel) -> Result<Order, NumberedE
         ("cycle", "start") if !is_job || model.is_at_program_end() => command(UiCommand::Start),
         ("start", rest) if rest.starts_with("contour ") => command(UiCommand::StartContour(number(&rest[8..])?)),
         ("start", rest) if rest.starts_with("line ") => command(UiCommand::StartLine(number(&rest[5..])?)),
-        ("start", rest) if rest.starts_with("job ") => command(UiCommand::StartShopJob(rest[4..].trim().to_owned())),
+        ("start", rest) if rest.starts_with("job ") => {
+            let (id, pieces) = match rest[4..].trim().split_once(' ') {
+                Some((id, pieces)) => (id, number(pieces.trim())?),
+                None => (rest[4..].trim(), 1),
+            };
+            command(UiCommand::StartShopJob { id: id.to_owned(), pieces })
+        }
         ("set", "up") => command(UiCommand::SetUp),
         ("home", "") => task(ManualTask::Home(None)),
         ("home", letter) => task(ManualTask::Home(Some(axis(letter, model)?))),
@@ -164,7 +170,9 @@ mod tests {
         assert_eq!(parsed("sheet point", &setup), command(UiCommand::SheetPoint));
         assert_eq!(parsed("sheet align", &setup), command(UiCommand::AlignSheet));
         assert_eq!(parsed("start line 120", &setup), command(UiCommand::StartLine(120)));
-        assert_eq!(parsed("start job 0192-1", &setup), command(UiCommand::StartShopJob("0192-1".into())));
+        for (words, pieces) in [("start job 0192-1", 1), ("start job 0192-1 3", 3)] {
+            assert_eq!(parsed(words, &setup), command(UiCommand::StartShopJob { id: "0192-1".into(), pieces }));
+        }
         assert_eq!(parsed("open part 2.ngc", &setup), Order::Open("part 2.ngc".into()));
         assert_eq!(parsed("resume job 2026-1", &setup), Order::Resume("2026-1".into()));
     }

@@ -263,7 +263,7 @@ impl OperatorDesk {
             {
                 refuse("a program is running", "stop it first, or wait until it has ended")
             }
-            UiCommand::Load(_) | UiCommand::SetUp | UiCommand::ResumeJob(_) | UiCommand::StartShopJob(_)
+            UiCommand::Load(_) | UiCommand::SetUp | UiCommand::ResumeJob(_) | UiCommand::StartShopJob { .. }
                 if is_job && !model.is_at_program_end() =>
             {
                 refuse("a program is running", "stop it first, or wait until it has ended")
@@ -349,6 +349,10 @@ impl OperatorDesk {
         let mut state = self.state();
         let ends_jog = self.switch(&mut state, |switch| switch.release(client));
         let was_holder = state.control.disconnect(client, now);
+        if was_holder {
+            // nobody is there to see the next piece begin
+            self.host.send(UiCommand::EndSeries);
+        }
         let Some(snapshot) = &state.snapshot else { return };
         let holds = snapshot.is_retracing || snapshot.runs_program && self.lost_control == OnLostControl::Hold;
         if ends_jog || was_holder && holds {

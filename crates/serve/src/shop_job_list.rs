@@ -35,6 +35,8 @@ struct ShopJobView {
     program: String,
     good: u32,
     quantity: u32,
+    /// Most pieces that one start may run, one after the other.
+    most_pieces: u32,
     check: String,
     submitter: String,
     note: String,
@@ -57,6 +59,7 @@ impl ShopJobList {
             program: row.program.clone(),
             good: row.good,
             quantity: row.quantity,
+            most_pieces: row.most_pieces,
             check: row.check.clone(),
             submitter: row.submitter.clone(),
             note: row.note.clone(),

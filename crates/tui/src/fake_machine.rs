@@ -165,7 +165,8 @@ impl FakeMachine {
             | UiCommand::ConsumablesChanged
             | UiCommand::SkipContour { .. }
             | UiCommand::StartLine(_)
-            | UiCommand::StartShopJob(_)
+            | UiCommand::StartShopJob { .. }
+            | UiCommand::EndSeries
             | UiCommand::ResumeJob(_)
             | UiCommand::Quit => {}
         }

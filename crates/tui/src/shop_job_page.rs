@@ -1,7 +1,7 @@
 //! The page of the shop's jobs: which one is marked, what is shown of each, and what a key does (SHP-36).
 //!
 //! Invariant: the mark stays with its job when the list changes. Only `y`, at the question of a job that is ready while
-//! no other one runs, starts a piece.
+//! no other one runs, starts a piece, or as many as the question shows.
 
 use crate::keys::Key;
 use crate::model::{ScreenModel, ScreenStage};
@@ -20,8 +20,8 @@ pub(crate) enum ShopJobView {
     List,
     /// The details of the marked job, scrolled by this number of lines.
     Details(usize),
-    /// The question whether a piece of it is started.
-    Start,
+    /// The question whether so many pieces of it are started, one after the other.
+    Start(u32),
 }
 
 /// The marked job, and what is shown.
@@ -42,8 +42,8 @@ pub(crate) enum ShopJobChoice {
     Refuse(String),
     /// The page closes.
     Close,
-    /// The page closes, and a piece of the job of this name is started.
-    Start(String),
+    /// The page closes, and so many pieces of the job of this name are started.
+    Start(String, u32),
 }
 
 /// Index of the marked job: the chosen one, or the first that is ready, or the last.
@@ -64,7 +64,7 @@ fn is_free(model: &ScreenModel) -> bool {
 
 /// Whether the question of the start still applies.
 pub(crate) fn applies(model: &ScreenModel, mark: &ShopJobMark) -> bool {
-    mark.view != ShopJobView::Start || is_free(model)
+    !matches!(mark.view, ShopJobView::Start(_)) || is_free(model)
 }
 
 /// What a key does on the page.
@@ -75,15 +75,20 @@ pub(crate) fn choice(model: &ScreenModel, mark: &ShopJobMark, key: Key) -> ShopJ
     };
     let show = |view| ShopJobChoice::Show(ShopJobMark { chosen: Some(row.id.clone()), view });
     match (mark.view, key) {
-        (ShopJobView::Start, Key::Char('y')) => match refusal(model, row) {
-            None => ShopJobChoice::Start(row.id.clone()),
+        (ShopJobView::Start(pieces), Key::Char('y')) => match refusal(model, row) {
+            None if pieces > row.most_pieces.max(1) => ShopJobChoice::Refuse("fewer pieces are missing now".into()),
+            None => ShopJobChoice::Start(row.id.clone(), pieces),
             Some(why) => ShopJobChoice::Refuse(why),
         },
         // A key that repeats itself asks again, and answers nothing.
-        (ShopJobView::Start, Key::Char('c')) => show(ShopJobView::Start),
-        (ShopJobView::Start, _) => show(ShopJobView::List),
+        (ShopJobView::Start(pieces), Key::Char('c')) => show(ShopJobView::Start(pieces)),
+        (ShopJobView::Start(pieces), Key::Up | Key::Down) if row.most_pieces > 1 => {
+            let changed = if key == Key::Up { pieces.saturating_add(1) } else { pieces.saturating_sub(1) };
+            show(ShopJobView::Start(changed.clamp(1, row.most_pieces)))
+        }
+        (ShopJobView::Start(_), _) => show(ShopJobView::List),
         (_, Key::Char('c')) => match refusal(model, row) {
-            None => show(ShopJobView::Start),
+            None => show(ShopJobView::Start(1)),
             Some(why) => ShopJobChoice::Refuse(why),
         },
         (ShopJobView::Details(back), key) => match scrolled(back, key) {
@@ -227,6 +232,7 @@ pub(crate) mod tests {
             program: format!("bracket-{number}.ngc"),
             good: 1,
             quantity: 3,
+            most_pieces: 1,
             check: if state == "refused" { "2 errors".into() } else { "no errors".into() },
             submitter: "ann".into(),
             note: format!("for order {number}"),
@@ -260,10 +266,15 @@ pub(crate) mod tests {
         let mut model = model(vec![row(1, "done"), row(2, "ready"), row(3, "ready")]);
         let second = model.shop_jobs.as_ref().map(|table| table.rows[1].id.clone());
         let asked = shown(&model, &ShopJobMark::default(), Key::Char('c'));
-        assert_eq!(asked, ShopJobMark { chosen: second.clone(), view: ShopJobView::Start }, "the first that is ready");
+        assert_eq!(
+            asked,
+            ShopJobMark { chosen: second.clone(), view: ShopJobView::Start(1) },
+            "the first that is ready"
+        );
         // the list changes meanwhile
         model.shop_jobs = Some(Arc::new(table(vec![row(2, "ready"), row(3, "ready")])));
-        assert_eq!(Some(choice(&model, &asked, Key::Char('y'))), second.clone().map(ShopJobChoice::Start));
+        let started = second.clone().map(|id| ShopJobChoice::Start(id, 1));
+        assert_eq!(Some(choice(&model, &asked, Key::Char('y'))), started);
         for key in [Key::Enter, Key::Char('n'), Key::Esc, Key::Char('C')] {
             assert_eq!(shown(&model, &asked, key).view, ShopJobView::List, "{key:?}");
         }
@@ -274,10 +285,30 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn a_series_is_as_long_as_the_question_shows_and_never_longer_than_what_is_missing() {
+        let mut model = model(vec![ShopJobRow { most_pieces: 3, ..row(1, "ready") }, row(2, "ready")]);
+        let mut asked = shown(&model, &ShopJobMark::default(), Key::Char('c'));
+        for (key, pieces) in
+            [(Key::Down, 1), (Key::Up, 2), (Key::Char('c'), 2), (Key::Up, 3), (Key::Up, 3), (Key::Down, 2)]
+        {
+            asked = shown(&model, &asked, key);
+            assert_eq!(asked.view, ShopJobView::Start(pieces), "{key:?}");
+        }
+        assert_eq!(choice(&model, &asked, Key::Char('y')), ShopJobChoice::Start(row(1, "ready").id, 2));
+        // one piece was run elsewhere, or the list is that of another job
+        let only = ShopJobRow { most_pieces: 1, ..row(1, "ready") };
+        model.shop_jobs = Some(Arc::new(table(vec![only])));
+        assert!(matches!(choice(&model, &asked, Key::Char('y')), ShopJobChoice::Refuse(_)));
+        // a job that permits no series
+        let asked = shown(&model, &ShopJobMark::default(), Key::Char('c'));
+        assert_eq!(shown(&model, &asked, Key::Up).view, ShopJobView::List);
+    }
+
+    #[test]
     fn what_is_not_ready_and_what_would_be_no_piece_is_not_started() {
         let refused = |model: &ScreenModel, key| match choice(
             model,
-            &ShopJobMark { chosen: None, view: ShopJobView::Start },
+            &ShopJobMark { chosen: None, view: ShopJobView::Start(1) },
             key,
         ) {
             ShopJobChoice::Refuse(why) => why,
@@ -298,7 +329,7 @@ pub(crate) mod tests {
         for stage in [ScreenStage::Job, ScreenStage::Resuming] {
             model.stage = stage;
             assert!(refused(&model, Key::Char('y')).contains("running"));
-            assert!(!applies(&model, &ShopJobMark { chosen: None, view: ShopJobView::Start }));
+            assert!(!applies(&model, &ShopJobMark { chosen: None, view: ShopJobView::Start(1) }));
         }
     }
 

@@ -33,6 +33,8 @@ pub struct ShopJobRow {
     pub good: u32,
     /// Number of pieces that were ordered.
     pub quantity: u32,
+    /// Most pieces that one start may run: 1 where the job permits no series.
+    pub most_pieces: u32,
     /// Result of the check, in words.
     pub check: String,
     /// Who has submitted it.

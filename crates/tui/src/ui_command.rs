@@ -23,8 +23,15 @@ pub enum UiCommand {
     StartContour(u32),
     /// Start the program at this line, with the modal state in force there.
     StartLine(u32),
-    /// Start the next piece of this job of the shop, which the operator has confirmed.
-    StartShopJob(String),
+    /// Start the next pieces of a job of the shop, one after the other, which the operator has confirmed.
+    StartShopJob {
+        /// Its name.
+        id: String,
+        /// Number of pieces, from 1.
+        pieces: u32,
+    },
+    /// Start no further piece of a series; the piece that runs goes on.
+    EndSeries,
     /// Skip a contour of the next job, or cut it after all.
     SkipContour {
         /// Its number.

@@ -95,3 +95,40 @@ fn a_page_that_watches_sees_the_jobs_and_starts_none() {
     user.wait_for_text(".shop-jobs tr.now .state", "▸ ready");
     assert!(user.is_off("#panel-shop button", "Start"));
 }
+
+/// A series is started with as many pieces as the dialog shows, and a job that permits none has no such choice.
+#[test]
+fn a_series_has_as_many_pieces_as_the_dialog_shows() {
+    let Some(mut browser) = browser() else { return };
+    let bench = Bench::new();
+    bench.file("part.ngc", PART);
+    done(&bench, &["shop", "submit", "part.ngc", "--quantity", "3", "--may-repeat", "--note", "a series"]);
+    done(&bench, &["shop", "submit", "part.ngc", "--quantity", "3", "--note", "piece by piece"]);
+    done(&bench, &["shop", "agent", "--once"]);
+    let mut command = Command::new(binary());
+    command.env("XDG_STATE_HOME", bench.path("state"));
+    let server = PageServer::start_as(command, &[]);
+    let machine = Machine::new(&server);
+    let mut user = in_control(&mut browser, &server, Screen::PHONE);
+    user.tap("#tab-shop", "");
+    user.wait_for_text(".shop-jobs tr.now .state", "▸ ready");
+    user.tap(".shop-jobs tbody tr:nth-child(2) button", "part.ngc");
+    user.tap("#panel-shop button", "Start");
+    user.wait_for_text(".dialog", "piece by piece");
+    assert_eq!(user.count(".piece-choice"), 0);
+    user.tap(".dialog button", "Cancel");
+    user.tap(".shop-jobs tbody tr:nth-child(1) button", "part.ngc");
+    user.tap("#panel-shop button", "Start");
+    user.wait_for_text(".piece-choice output", "one piece");
+    for shown in ["2 of 3 pieces", "3 of 3 pieces"] {
+        user.tap(".piece-choice button", "+");
+        user.wait_for_text(".piece-choice output", shown);
+    }
+    assert!(user.is_off(".piece-choice button", "+"));
+    user.tap(".piece-choice button", "−");
+    user.wait_for_text(".piece-choice output", "2 of 3 pieces, one after the other");
+    user.tap(".dialog button", "Start");
+    machine.wait("the end", |report| report["state"]["situation"] == "program_end");
+    server_order(&server, "set up");
+    user.wait_for_text(".shop-jobs tr.now .pieces", "2/3");
+}

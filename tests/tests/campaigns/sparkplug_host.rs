@@ -168,9 +168,16 @@ impl Host {
 
     /// Waits for so many messages of data of a run that moves.
     fn wait_data(&mut self, more: usize, run: &mut SteadyRun<'_>) {
-        for wanted in self.data + 1..=self.data + more {
+        let (wanted, mut last) = (self.data + more, Instant::now());
+        while self.data < wanted {
             run.keep();
-            self.wait("data", |host| host.data >= wanted);
+            let before = self.data;
+            self.take_for(Duration::from_millis(100));
+            if self.data > before {
+                last = Instant::now();
+            } else if last.elapsed() > LONG {
+                self.fail(&format!("no data; the run says: {}", run.last_line()));
+            }
         }
     }
 }
@@ -217,8 +224,14 @@ impl<'a> SteadyRun<'a> {
 
     fn keep(&mut self) {
         if self.run.try_wait().expect("a child").is_some() {
+            println!("another run begins: {}", self.last_line());
             *self = Self::start(self.bench);
         }
+    }
+
+    fn last_line(&self) -> String {
+        let told = std::fs::read_to_string(self.bench.path("told.txt")).unwrap_or_default();
+        told.lines().last().unwrap_or_default().chars().take(300).collect()
     }
 
     fn end(mut self) {

@@ -195,3 +195,40 @@ fn a_piece_whose_process_is_killed_is_interrupted_and_the_demonstration_starts_n
     assert_eq!(state(&bench, &part), json!(["ready", 0, 0]));
     assert_contains(&done(&bench, &["shop", "audit"]), &["2 jobs, 0 faults"]);
 }
+
+/// A series that the page in control has confirmed. While it runs no other program is started; where the page is gone
+/// no further piece begins; a number that is not permitted is refused.
+#[test]
+fn a_series_of_a_page_ends_when_the_page_is_gone() {
+    let bench = Bench::new();
+    let more = ["--quantity", "5", "--may-repeat"];
+    let id = submit(&bench, "part.ngc", PART, &more);
+    let slow = "G21 G90 G94 F600\nG1 X20\nX0\nM2\n";
+    let late = submit(&bench, "slow.ngc", slow, &more);
+    let single = submit(&bench, "single.ngc", PART, &["--quantity", "2"]);
+    let server = serve(&bench, &[]);
+    let mut page = server.page(&server.token);
+    page.take_control();
+    assert_eq!([&id, &single].map(|id| listed(&server, id, "ready")["most_pieces"].as_u64()), [Some(5), Some(1)]);
+    for words in [format!("start job {id} 6"), format!("start job {single} 2")] {
+        assert_eq!(page.order_when_free(&words)["t"], "done");
+        not_started(&mut page, "E5043");
+    }
+    refused(&page.order(&format!("start job {id} 0")), "E2121");
+    assert_eq!(page.order_when_free(&format!("start job {id} 3"))["t"], "done");
+    page.wait_until("the end", |page| page.last("state")["situation"] == "program_end");
+    assert_eq!(state(&bench, &id), json!(["running", 2, 3]));
+    assert_eq!(page.order("set up")["t"], "done");
+    page.wait_until("set up", |page| page.last("state")["stage"] == "setup");
+    assert_eq!(listed(&server, &id, "ready")["good"], 3);
+    page.listen(Duration::from_millis(300));
+    // the page is gone in the first piece: it goes on, and no other one begins
+    assert_eq!(page.order_when_free(&format!("start job {late} 3"))["t"], "done");
+    listed(&server, &late, "running");
+    drop(page);
+    let job = listed(&server, &late, "ready");
+    assert_eq!((&job["good"], state(&bench, &late)), (&json!(1), json!(["ready", 1, 1])));
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(state(&bench, &late), json!(["ready", 1, 1]));
+    assert_contains(&done(&bench, &["shop", "audit"]), &["3 jobs, 0 faults"]);
+}

@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::terminal::Terminal;
@@ -246,4 +247,52 @@ fn a_piece_begins_at_its_first_block_and_with_the_files_that_were_submitted() {
     terminal.wait_for_text("NOT STARTED: E5006");
     assert_eq!(shown(&bench, &id)["runs"].as_array().map(Vec::len), Some(1));
     quit(&mut terminal);
+}
+
+/// A series of pieces is started by one question that shows their number. They follow each other without a key, and the
+/// last one waits for its release. A piece that is stopped ends the series.
+#[test]
+fn a_series_of_pieces_is_started_by_one_question_and_ends_with_a_bad_one() {
+    let bench = Bench::new();
+    let id = submit(&bench, "part.ngc", PART, &["--quantity", "4", "--may-repeat"]);
+    let single = submit(&bench, "single.ngc", PART, &["--quantity", "4"]);
+    let long = submit(&bench, "long.ngc", LONG_PART, &["--quantity", "2", "--may-repeat"]);
+    done(&bench, &["shop", "agent", "--once"]);
+    let mut terminal = screen(&bench, &[]);
+    open(&terminal, "0/4");
+    terminal.keys("c");
+    assert_contains(&terminal.wait_for_text("start a piece of this job?"), &["1 of at most 4 pieces"]);
+    terminal.keys("\x1b[A");
+    terminal.wait_for_text("y START 2 pieces");
+    terminal.keys("\x1b[A\x1b[A\x1b[A\x1b[A\x1b[B");
+    let question = terminal.wait_for_text("y START 3 pieces, one after the other");
+    assert_contains(&question, &["start a series of this job?", "3 of at most 4 pieces"]);
+    terminal.keys("y");
+    // two were released by the next one, the third waits
+    let begun = Instant::now();
+    while state(&bench, &id) != is("running", 2) && begun.elapsed() < Duration::from_secs(30) {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    terminal.wait_for_text("reverse run is still possible");
+    assert_eq!((state(&bench, &id), shown(&bench, &id)["runs"].as_array().map(Vec::len)), (is("running", 2), Some(3)));
+    terminal.keys("u");
+    terminal.wait_for_text("READY");
+    assert_eq!(state(&bench, &id), is("ready", 3));
+    // a job that permits no series has no such choice
+    open(&terminal, "3/4");
+    terminal.keys("\x1b[Bc");
+    assert!(!terminal.wait_for_text("y START").contains("series"), "{}", terminal.text());
+    close(&terminal);
+    // stopped in the first piece, the second one does not begin
+    open(&terminal, "long.ngc");
+    terminal.keys("\x1b[B\x1b[Bc");
+    terminal.wait_for_text("1 of at most 2 pieces");
+    terminal.keys("\x1b[Ay");
+    terminal.wait_for_text("RUNNING");
+    terminal.hang_up();
+    assert_eq!(terminal.wait_for_end(), Some(4));
+    assert_eq!(state(&bench, &long), is("interrupted", 0));
+    assert_eq!(shown(&bench, &long)["runs"].as_array().map(Vec::len), Some(1));
+    assert_eq!(state(&bench, &single), is("ready", 0));
+    assert_contains(&done(&bench, &["shop", "audit"]), &["3 jobs, 0 faults"]);
 }

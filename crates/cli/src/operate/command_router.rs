@@ -33,6 +33,8 @@ struct Route {
     cancelled: u64,
     /// Number of the last start of a program that was sent.
     program: u64,
+    /// Number of the last start of a program whose series of pieces ends with the piece that runs.
+    series_end: u64,
 }
 
 impl Route {
@@ -44,7 +46,7 @@ impl Route {
         }
         let is_pending = self.program > self.done.max(self.cancelled);
         // A piece of the shop waits behind nothing that moves.
-        is_pending || matches!(command, UiCommand::StartShopJob(_)) && self.job.is_some()
+        is_pending || matches!(command, UiCommand::StartShopJob { .. }) && self.job.is_some()
     }
 }
 
@@ -90,6 +92,19 @@ impl CommandRouter {
         route.done = route.received;
     }
 
+    /// Ends routing to a piece of a series, whose start has not ended: no other program begins before the next piece.
+    #[cfg_attr(not(feature = "shop"), expect(dead_code, reason = "there are no series without the shop"))]
+    pub(super) fn end_piece(&self) {
+        self.route().job = None;
+    }
+
+    /// Whether the series of the start of this number ends with the piece that runs.
+    #[cfg_attr(not(feature = "shop"), expect(dead_code, reason = "there are no series without the shop"))]
+    pub(super) fn has_series_ended(&self, start: u64) -> bool {
+        let route = self.route();
+        start <= route.cancelled.max(route.series_end)
+    }
+
     /// Routes a command from a screen. Returns whether it was passed on.
     pub(super) fn route_command(&self, command: UiCommand) -> bool {
         match command {
@@ -98,6 +113,10 @@ impl CommandRouter {
                 if let Some(job) = &self.route().job {
                     job.turn_wheel(counts);
                 }
+            }
+            UiCommand::EndSeries => {
+                let mut route = self.route();
+                route.series_end = route.program;
             }
             UiCommand::CutterOff if self.route().job.is_some() => return self.send_to_job(OperatorCommand::CutterOff),
             UiCommand::OptionalStop(on) => {
@@ -176,7 +195,7 @@ pub(super) const fn is_start(command: &UiCommand) -> bool {
         UiCommand::Start
             | UiCommand::StartContour(_)
             | UiCommand::StartLine(_)
-            | UiCommand::StartShopJob(_)
+            | UiCommand::StartShopJob { .. }
             | UiCommand::ResumeJob(_)
             | UiCommand::Task(_)
             | UiCommand::Frame(_)
@@ -192,7 +211,7 @@ const fn is_program_start(command: &UiCommand) -> bool {
         UiCommand::Start
             | UiCommand::StartContour(_)
             | UiCommand::StartLine(_)
-            | UiCommand::StartShopJob(_)
+            | UiCommand::StartShopJob { .. }
             | UiCommand::ResumeJob(_)
     )
 }
@@ -237,7 +256,7 @@ mod tests {
     #[test]
     fn no_start_of_a_program_waits_behind_another_one() {
         let (router, commands) = router();
-        let piece = || UiCommand::StartShopJob("a job".into());
+        let piece = || UiCommand::StartShopJob { id: "a job".into(), pieces: 1 };
         assert!(router.route_command(piece()));
         for start in [piece(), UiCommand::Start, UiCommand::StartLine(3)] {
             assert!(!router.route_command(start), "the first one is on its way");

@@ -90,6 +90,10 @@ pub(super) struct MachineThread<'m, 'c, const A: usize> {
     start: u64,
     /// Job to resume first.
     resumed: Option<ResumingJob<'m, A>>,
+    /// Pieces of a job of the shop that follow the one that runs.
+    pieces_behind: u32,
+    /// Whether the last job came to the end of its program.
+    has_completed: bool,
     exit: ExitState,
 }
 
@@ -130,6 +134,8 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             optional_stop,
             start: NOT_CANCELLABLE,
             resumed: None,
+            pieces_behind: 0,
+            has_completed: false,
             exit,
         }
     }
@@ -165,7 +171,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::Start) => self.run_job(self.args.clone()),
                 Ok(UiCommand::StartContour(number)) => self.run_from_contour(number),
                 Ok(UiCommand::StartLine(line)) => self.run_from_line(line),
-                Ok(UiCommand::StartShopJob(id)) => self.start_shop_job(&id),
+                Ok(UiCommand::StartShopJob { id, pieces }) => self.start_shop_job(&id, pieces),
                 Ok(UiCommand::SkipContour { number, on }) => self.skip_contour(number, on),
                 Ok(UiCommand::ConsumablesChanged) => self.renew_consumables(),
                 Ok(UiCommand::SetUp) => self.set_up(),
@@ -189,7 +195,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                     lock_model(&self.router.model).dry_run = on;
                 }
                 // Commands to a job that has just ended, or an answer to its question.
-                Ok(UiCommand::Job(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
+                Ok(UiCommand::Job(_) | UiCommand::Turn(_) | UiCommand::Answer(_) | UiCommand::EndSeries) => {}
                 Ok(UiCommand::ResumeJob(job)) => {
                     self.args.page.session.request_resume(job);
                     return self.exit_state();
@@ -466,11 +472,16 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             return self.emit(EventKind::Alarm(CardError::from(fault)));
         }
         let mut result = JobResult::default();
-        let at_screen = TuiOptions { commands, observer: self.observer.clone(), result: &mut result };
+        let waits_at_end = self.pieces_behind == 0;
+        let at_screen = TuiOptions { commands, observer: self.observer.clone(), waits_at_end, result: &mut result };
         let machine_and_card = self.machine_and_card.clone();
         let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &machine_and_card);
         let done = self.begin_journal(&job).and_then(|journal| job.run(self.card, journal, Some(at_screen)));
-        self.router.end_job();
+        if waits_at_end {
+            self.router.end_job();
+        } else {
+            self.router.end_piece();
+        }
         self.exit.ran = true;
         self.record_ended_pieces();
         match done {
@@ -510,6 +521,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             self.show_tables();
         }
         (self.exit.code, self.exit.report) = (code, Some(result.text));
+        self.has_completed = code == 0;
         // A resumed job brings its own setting.
         self.optional_stop = lock_model(&self.router.model).optional_stop;
         lock_model(&self.router.model).end(&result.short);
@@ -520,7 +532,8 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         let mut result = JobResult::default();
         // What is resumed waits for its own confirmation.
         let Some(commands) = self.router.begin_job(NOT_CANCELLABLE) else { return Ok(()) };
-        let at_screen = TuiOptions { commands, observer: self.observer.clone(), result: &mut result };
+        let observer = self.observer.clone();
+        let at_screen = TuiOptions { commands, observer, waits_at_end: true, result: &mut result };
         let (commands, model) = (&self.commands, &self.router.model);
         let mut ask = |summary: &ResumeSummary<'_, A>| {
             let prepared = summary.prepared;

@@ -133,6 +133,7 @@ fn table_of(file: &ShopFile, args: &args::Run, machine_text: &str) -> Result<(Sh
             program: row.program().to_owned(),
             good: row.good_pieces(),
             quantity: row.job.quantity,
+            most_pieces: if row.job.may_repeat { row.job.quantity.saturating_sub(row.good_pieces()).max(1) } else { 1 },
             check: row.check().map(check_text).unwrap_or_default(),
             submitter: row.job.submitter.clone(),
             note: row.job.note.clone(),

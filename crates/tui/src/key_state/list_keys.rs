@@ -58,9 +58,9 @@ impl KeyState {
             ShopJobChoice::Show(mark) => self.open = OpenDialog::ShopJobs(mark),
             ShopJobChoice::Refuse(why) => self.show_notice(why, ms),
             ShopJobChoice::Close => self.open = OpenDialog::Nothing,
-            ShopJobChoice::Start(id) => {
+            ShopJobChoice::Start(id, pieces) => {
                 self.open = OpenDialog::Nothing;
-                return Some(UiCommand::StartShopJob(id));
+                return Some(UiCommand::StartShopJob { id, pieces });
             }
         }
         None

@@ -96,7 +96,8 @@ fn any_open() -> impl Strategy<Value = OpenDialog> {
         (prop::option::of(0..20u32), any::<u32>())
             .prop_map(|(chosen, typed)| OpenDialog::Contours(ContourMark { chosen, typed })),
         (any::<bool>(), 0..3u8, 0..99usize).prop_map(|(is_chosen, view, scrolled)| {
-            let view = [ShopJobView::List, ShopJobView::Details(scrolled), ShopJobView::Start][usize::from(view)];
+            let view = [ShopJobView::List, ShopJobView::Details(scrolled), ShopJobView::Start(scrolled as u32)]
+                [usize::from(view)];
             OpenDialog::ShopJobs(ShopJobMark { chosen: is_chosen.then(|| row(2, "ready").id), view })
         }),
         Just(OpenDialog::Prompt(PendingQuestion::StartContour(7), String::new(), None)),

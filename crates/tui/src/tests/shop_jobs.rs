@@ -17,6 +17,7 @@ use crate::{ShopJobRow, ShopJobTable, UiCommand, view};
 fn jobs() -> Vec<ShopJobRow> {
     let mut rows = vec![row(1, "done"), row(2, "refused"), row(3, "interrupted"), row(4, "ready"), row(5, "ready")];
     rows.push(ShopJobRow { check: String::new(), program: String::new(), good: 0, ..row(6, "queued") });
+    rows[4].most_pieces = 2;
     let ready = &mut rows[3];
     ready.note = "for order 17; the burr goes to the inside, and the first piece to the measuring room".into();
     ready.program = "hydraulic-manifold-upper-half-rev-c.ngc".into();
@@ -50,6 +51,11 @@ fn the_pages_of_the_jobs_are_as_they_were_looked_at() {
     bench.key(Key::Esc);
     bench.keys("c");
     bench.is_as("14-job-start", 80, 24);
+    bench.key(Key::Esc);
+    bench.key(Key::Down);
+    bench.keys("c");
+    bench.key(Key::Up);
+    bench.is_as("16-job-series", 80, 24);
     let mut empty = fixture(ShopJobTable { error: "E5009: the ledger is damaged".into(), ..table(Vec::new()) });
     empty.keys("Q");
     bench.key(Key::Esc);
@@ -59,7 +65,7 @@ fn the_pages_of_the_jobs_are_as_they_were_looked_at() {
 #[test]
 fn a_start_is_two_keys_and_closes_when_another_job_runs() {
     let mut bench = fixture(table(jobs()));
-    let start = UiCommand::StartShopJob(row(4, "ready").id);
+    let start = UiCommand::StartShopJob { id: row(4, "ready").id, pieces: 1 };
     bench.keys("Qc");
     assert_eq!(bench.key(Key::Char('y')), Some(start.clone()));
     assert_eq!(bench.key(Key::Char('y')), None, "the page is closed");

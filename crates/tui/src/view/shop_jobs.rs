@@ -28,7 +28,7 @@ pub(super) fn draw(out: &mut Buffer, model: &ScreenModel, mark: &ShopJobMark, th
     match mark.view {
         ShopJobView::List => list(out, table, at, width, theme),
         ShopJobView::Details(back) => details(out, row, back, width, theme),
-        ShopJobView::Start => question(out, table, row, width.min(100), theme),
+        ShopJobView::Start(pieces) => question(out, table, (row, pieces), width.min(100), theme),
     }
 }
 
@@ -79,11 +79,20 @@ fn details(out: &mut Buffer, row: &ShopJobRow, back: usize, width: usize, theme:
     draw_box(out, &format!("job {} · ↑↓ scroll · {start}any other key: back", row.program), &lines, theme);
 }
 
-fn question(out: &mut Buffer, table: &ShopJobTable, row: &ShopJobRow, width: usize, theme: Theme) {
+fn question(out: &mut Buffer, table: &ShopJobTable, asked: (&ShopJobRow, u32), width: usize, theme: Theme) {
+    let (row, pieces) = asked;
     let facts = row.start_facts(&table.machine_file);
     let mut lines: Vec<String> = facts.iter().flat_map(|(name, text)| named(name, text, width)).collect();
+    let most = row.most_pieces;
+    let series = (most > 1).then(|| named("series", &format!("{pieces} of at most {most} pieces · ↑↓ change"), width));
     // The keys stay in view, however long the texts are.
-    lines.truncate(usize::from(out.area.height).saturating_sub(6).max(1));
-    lines.extend([String::new(), "y START: the machine moves · any other key: cancel".into()]);
-    draw_box(out, "start a piece of this job?", &lines, theme);
+    lines.truncate(usize::from(out.area.height).saturating_sub(7).max(1));
+    lines.extend(series.into_iter().flatten());
+    let start = match pieces {
+        0 | 1 => "y START: the machine moves · any other key: cancel".to_owned(),
+        _ => format!("y START {pieces} pieces, one after the other · any other key: cancel"),
+    };
+    lines.extend([String::new(), start]);
+    let title = if pieces > 1 { "start a series of this job?" } else { "start a piece of this job?" };
+    draw_box(out, title, &lines, theme);
 }

@@ -10,19 +10,41 @@ use super::MachineThread;
 use crate::shop_piece;
 
 impl<const A: usize> MachineThread<'_, '_, A> {
-    /// Starts the next piece of a job, which the operator has confirmed.
-    pub(super) fn start_shop_job(&mut self, id: &str) {
+    /// Starts the next pieces of a job, one after the other, which the operator has confirmed. The series ends with a
+    /// piece that does not come to its end, with a hold between two pieces, and where the page in control is gone.
+    pub(super) fn start_shop_job(&mut self, id: &str, pieces: u32) {
         if lock_model(&self.router.model).stage == ScreenStage::Job {
             return self.reject_text("a program is running: its end comes first");
         }
+        for number in 1..=pieces {
+            if number > 1 && self.router.has_series_ended(self.start) {
+                let left = pieces - number + 1;
+                self.add_message(format!("the series has ended: {left} of {pieces} pieces were not started"));
+                break;
+            }
+            self.pieces_behind = pieces - number;
+            self.has_completed = false;
+            self.start_piece(id);
+            if !self.has_completed {
+                break;
+            }
+            if self.pieces_behind > 0 {
+                self.add_message(format!("piece {number} of {pieces} has ended; the next one follows"));
+            }
+        }
+        self.pieces_behind = 0;
+    }
+
+    /// Starts the next piece of a job, once all of it was verified.
+    fn start_piece(&mut self, id: &str) {
         if let Err(refusal) = self.homing.check(&self.machine).and_then(|()| self.check_records_pieces()) {
             return self.refuse_start(refusal);
         }
         let (args, text) = (self.args.clone(), self.machine_and_card.0.clone());
-        let id = id.to_owned();
+        let (id, more) = (id.to_owned(), self.pieces_behind);
         let prepared = self.while_idle(move || {
             let shop_file = args.shop.shop_file.as_deref();
-            shop_piece::prepare_at_screen(shop_file, &id, (args.machine_file.path(), &text))
+            shop_piece::prepare_at_screen(shop_file, (&id, more), (args.machine_file.path(), &text))
         });
         let (recorder, program) = match prepared {
             Ok(prepared) => prepared,

@@ -8,7 +8,7 @@ use super::MachineThread;
 
 impl<const A: usize> MachineThread<'_, '_, A> {
     /// Starts nothing.
-    pub(super) fn start_shop_job(&mut self, _id: &str) {
+    pub(super) fn start_shop_job(&mut self, _id: &str, _pieces: u32) {
         self.reject_text("this command was built without the shop");
     }
 
