@@ -61,6 +61,8 @@ mod run;
 mod run_outputs;
 mod saved_materials;
 mod send;
+#[cfg(feature = "shop")]
+mod send_job;
 mod serial_source;
 mod serve;
 mod shell_files;
@@ -112,6 +114,11 @@ fn main() -> ExitCode {
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Doctor(args) => doctor::run(&args).map(|()| 0),
+        #[cfg(feature = "shop")]
+        Command::Send(args) if args.job.is_some() => {
+            let job = args.job.clone().unwrap_or_default();
+            send_job::run(&args, &job).map_err(CommandFailure::from).map(|()| 0)
+        }
         Command::Send(args) => send::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),

@@ -3,6 +3,7 @@
 //! Invariant: a character is sent only while the control allows it, at most two behind its request to pause. Nothing
 //! moves by this: the operator starts the old control there.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use retrace_config::{NumberedError, Parity, SerialSettings};
@@ -17,16 +18,29 @@ const DC3: u8 = 0x13;
 /// Interval at which progress is printed.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Runs the command.
+/// Runs the command for a program.
+///
+/// # Errors
+/// Those of [`transfer`].
+pub fn run(args: &Send) -> Result<(), NumberedError> {
+    let program = args.program.clone().unwrap_or_default();
+    transfer(args, args.machine.as_deref(), &program, &mut || Ok(()))
+}
+
+/// Sends a program. `begins` is called before the first character is sent, and may refuse.
 ///
 /// # Errors
 /// `E5041` where the program cannot be sent, `E5042` where the control does not ask for it, `E2301`, `E2309` and those
-/// of opening the port; `E2101` where the program cannot be read.
-pub fn run(args: &Send) -> Result<(), NumberedError> {
-    let machine = files::machine(args.machine.as_deref())?;
+/// of opening the port; `E2101` where the program cannot be read; the error of `begins`.
+pub fn transfer(
+    args: &Send,
+    machine: Option<&Path>,
+    program: &Path,
+    begins: &mut dyn FnMut() -> Result<(), NumberedError>,
+) -> Result<(), NumberedError> {
+    let machine = files::machine(machine)?;
     let address = serial_source::address(&args.port).unwrap_or(&args.port);
     let (path, settings) = serial_source::parse(address, machine.serial)?;
-    let program = &args.program;
     let text = std::fs::read(program).map_err(|error| {
         let what = format!("{}: {error}", program.display());
         NumberedError::new("E2101", what, "name a program that can be read")
@@ -37,7 +51,7 @@ pub fn run(args: &Send) -> Result<(), NumberedError> {
     })?;
     let port = ProgramPort::open(&path, format(&settings))
         .map_err(|refused| NumberedError::new(refused.number, refused.what, refused.remedy))?;
-    Sender::new(port, settings, args.now).send(&tape)
+    Sender::new(port, settings, args.now).send(&tape, begins)
 }
 
 fn format(settings: &SerialSettings) -> CharacterFormat {
@@ -91,13 +105,13 @@ impl Sender {
         Self { port, settings, permission, sent: 0 }
     }
 
-    fn send(mut self, tape: &[u8]) -> Result<(), NumberedError> {
+    fn send(mut self, tape: &[u8], begins: &mut dyn FnMut() -> Result<(), NumberedError>) -> Result<(), NumberedError> {
         say!("{} characters; waiting for the control to ask for them", tape.len());
         if self.settings.handshake.has_rts_cts() {
             self.lost(|port| port.set_request_to_send(true))?;
         }
         let began = Instant::now();
-        let (mut printed, mut allowed_at, mut is_told) = (began, began, false);
+        let (mut printed, mut allowed_at, mut is_told, mut has_begun) = (began, began, false, false);
         while let Some(&byte) = tape.get(self.sent) {
             self.listen(Duration::ZERO)?;
             if !self.permission.allows(self.port.is_clear_to_send()) {
@@ -105,6 +119,11 @@ impl Sender {
                 continue;
             }
             (allowed_at, is_told) = (Instant::now(), false);
+            if !has_begun {
+                begins()?;
+                has_begun = true;
+                continue;
+            }
             if self.lost(|port| port.send_paced(byte))? {
                 self.sent += 1;
             } else {

@@ -121,7 +121,8 @@ impl Audit {
         if good > job.job.quantity {
             self.fault(Some(id), format!("{good} pieces are good, and {} were ordered", job.job.quantity));
         }
-        for run in &job.runs {
+        // a run that was sent to an old machine has no journal
+        for run in job.runs.iter().filter(|run| !run.is_sent()) {
             self.runs.entry((run.journal.clone(), run.id.clone())).or_default().push(id);
             if run_state(run) == RunState::Unknown && !run.is_scrap {
                 let folder = run.journal.display();

@@ -15,7 +15,7 @@ use crate::ledger_entry::{CheckSummary, LedgerEntry, RunOutcome};
 /// A run of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LedgerRun {
-    /// Folder of journals that has it.
+    /// Folder of journals that has it; empty where its program was sent to an old machine.
     pub journal: PathBuf,
     /// Name of its journal job.
     pub id: String,
@@ -25,6 +25,14 @@ pub struct LedgerRun {
     pub outcome: Option<RunOutcome>,
     /// Whether its piece is scrap.
     pub is_scrap: bool,
+}
+
+impl LedgerRun {
+    /// Whether its program was sent to an old machine, which has no journal: the operator says what became of it.
+    #[must_use]
+    pub fn is_sent(&self) -> bool {
+        self.journal.as_os_str().is_empty()
+    }
 }
 
 /// A job of a ledger.

@@ -55,7 +55,7 @@ pub enum LedgerEntry {
         when: Timestamp,
         /// The job.
         id: ShopJobId,
-        /// Folder of journals that has the run.
+        /// Folder of journals that has the run; empty where its program is sent to an old machine.
         journal: PathBuf,
         /// Name of the run's journal job.
         run: String,

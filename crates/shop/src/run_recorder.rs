@@ -3,7 +3,7 @@
 //! Invariant: the files of the job are those that were submitted. The ledger is locked from the look at the state of
 //! the job to the entry, so that a piece is started once.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
 use retrace_journal::{JobStore, Timestamp};
@@ -61,15 +61,29 @@ impl RunRecorder {
             return Ok(());
         }
         let path = self.ledger();
-        if let Some(job) = Ledger::read(&path)?.job(self.id) {
+        let journal = std::path::absolute(store.folder()).unwrap_or_else(|_| store.folder().to_owned());
+        self.append_started(&path, journal, run.to_owned())
+    }
+
+    /// Records that the program is sent to an old machine, which is told nothing yet. Returns the name of the run.
+    ///
+    /// # Errors
+    /// Those of [`Self::record_started`].
+    pub fn record_sent(&self) -> Result<String, NumberedError> {
+        let run = format!("{}-sent", Timestamp::now().compact());
+        self.append_started(&self.ledger(), PathBuf::new(), run.clone())?;
+        Ok(run)
+    }
+
+    fn append_started(&self, path: &Path, journal: PathBuf, run: String) -> Result<(), NumberedError> {
+        if let Some(job) = Ledger::read(path)?.job(self.id) {
             job.require_ready()?;
             Inbox::of(&self.machine).verify(job)?;
         }
-        let mut open = OpenLedger::open(&path)?;
+        let mut open = OpenLedger::open(path)?;
         open.record_ended_runs()?;
         open.ledger().job(self.id).ok_or_else(|| Self::not_taken(self.id))?.require_ready()?;
-        let journal = std::path::absolute(store.folder()).unwrap_or_else(|_| store.folder().to_owned());
-        open.append(LedgerEntry::Started { when: Timestamp::now(), id: self.id, journal, run: run.to_owned() })
+        open.append(LedgerEntry::Started { when: Timestamp::now(), id: self.id, journal, run })
     }
 }
 

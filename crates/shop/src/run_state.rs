@@ -19,7 +19,8 @@ pub enum RunState {
     Completed,
     /// Nothing has moved.
     NeverBegan,
-    /// Its journal is not there any more, or cannot be used.
+    /// Its journal is not there any more, or cannot be used; or its program was sent to an old machine, and the
+    /// operator has not said what became of it.
     Unknown,
 }
 
@@ -48,6 +49,9 @@ pub fn run_state(run: &LedgerRun) -> RunState {
 }
 
 fn journal_state(run: &LedgerRun) -> RunState {
+    if run.is_sent() {
+        return RunState::Unknown;
+    }
     // `find` accepts the beginning of a name, which may be that of another job
     let folder = JobStore::open(&run.journal).find(&run.id).ok().filter(|folder| folder.id() == run.id);
     match folder.map(|folder| folder.state()) {

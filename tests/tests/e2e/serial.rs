@@ -346,3 +346,64 @@ fn a_control_that_does_not_ask_gets_nothing_and_what_it_cannot_read_is_not_sent(
     let count = line.sender.read(&mut bytes).expect("it was sent");
     assert_eq!(bytes[..2], [with_parity(b'%'), with_parity(b'\n')], "{count} bytes");
 }
+
+/// A job of an old machine: its pieces are sent, and count by the operator's word alone. A control that does not ask
+/// has got no piece, and without a word on the last piece no other one is sent.
+#[test]
+fn a_piece_that_was_sent_counts_by_the_word_of_the_operator() {
+    let (line, bench) = (PtyLine::new(), Bench::new());
+    bench.file("old.toml", "name = \"old\"\nroot = \"data\"\n");
+    let text = "%\nG0X1\nM30\n%\n";
+    bench.file("part.ngc", text);
+    let shop = |arguments: &[&str]| bench.retrace([&["shop"], arguments, &["--shop-file", "old.toml"]].concat());
+    let submitted = shop(&["submit", "part.ngc", "--quantity", "2"]);
+    let id = submitted.out.trim().to_owned();
+    assert_eq!(shop(&["agent", "--once"]).code, Some(0));
+    let to = |more: &str| format!("serial:{}?baud=9600&format=7e2&leader=0{more}", line.path);
+    let send = |more: &str| bench.retrace(["send", "--job", &id, "--shop-file", "old.toml", "--to", &to(more)]);
+    let shown = || -> Value { serde_json::from_str(&shop(&["show", &id, "--json"]).out).expect("one object") };
+    let state = || {
+        let job = shown();
+        (job["state"].as_str().expect("a state").to_owned(), job["good"].as_u64(), job["runs"].as_array().map(Vec::len))
+    };
+    let is = |state: &str, good, runs| (state.to_owned(), Some(good), Some(runs));
+    let mute = send("&start_timeout_s=0.3");
+    assert!(mute.code == Some(2) && mute.err.contains("error[E5042]"), "{}", mute.err);
+    assert_eq!(state(), is("ready", 0, 0));
+    let mut sender = line.sender;
+    let mut sent = |runs: usize| {
+        let control = old_control(sender.try_clone_native().expect("a line"), text.len(), 0);
+        let done = send("");
+        let (received, ..) = control.join().expect("it received");
+        assert_eq!(received, text.bytes().map(with_parity).collect::<Vec<_>>());
+        assert!(done.code == Some(0) && done.out.contains("retrace shop good"), "{}{}", done.out, done.err);
+        let _ = sender.flush();
+        shown()["runs"][runs - 1]["id"].as_str().expect("a name").to_owned()
+    };
+    let first = sent(1);
+    assert_eq!(state(), is("unknown", 0, 1));
+    assert!(shown()["next_step"].as_str().is_some_and(|step| step.contains(&first)), "{}", shown());
+    let second = send("");
+    assert!(second.code == Some(2) && second.err.contains("error[E5012]"), "{}", second.err);
+    assert_eq!(shop(&["good", &id, &first]).code, Some(0));
+    assert_eq!(state(), is("ready", 1, 1));
+    assert!(shop(&["good", &id, &first]).err.contains("error[E5020]"), "counted once");
+    thread::sleep(Duration::from_millis(1100));
+    let bad = sent(2);
+    assert_eq!(shop(&["scrap", &id, &bad]).code, Some(0));
+    assert_eq!(state(), is("ready", 1, 2));
+    assert!(shop(&["good", &id, &bad]).err.contains("error[E5020]"), "scrap stays scrap");
+    thread::sleep(Duration::from_millis(1100));
+    let last = sent(3);
+    assert_eq!(shop(&["good", &id, &last]).code, Some(0));
+    assert_eq!(state(), is("done", 2, 3));
+    assert!(shop(&["audit"]).out.contains("1 jobs, 0 faults"));
+    // a run of this computer has a journal, which counts
+    let other = shop(&["submit", "part.ngc"]).out.trim().to_owned();
+    assert_eq!(shop(&["agent", "--once"]).code, Some(0));
+    assert_eq!(bench.retrace(["run", "--job", &other, "--shop-file", "old.toml"]).code, Some(0));
+    let run = shop(&["show", &other, "--json"]).out;
+    let run: Value = serde_json::from_str(&run).expect("one object");
+    let run = run["runs"][0]["id"].as_str().expect("a name").to_owned();
+    assert!(shop(&["good", &other, &run]).err.contains("error[E5020]"));
+}

@@ -99,6 +99,14 @@ pub enum ShopAction {
         /// Name of the job or a unique prefix.
         id: String,
     },
+    /// Count a piece that was sent to an old machine as good, by the operator's word.
+    #[command(after_help = "Example:\n  retrace shop good 0192f0c1 20261122-004627-sent")]
+    Good {
+        /// Name of the job or a unique prefix.
+        id: String,
+        /// Name of the run, or a unique prefix.
+        run: String,
+    },
     /// Mark the piece of a run as scrap: it does not count, and another one can be started.
     #[command(after_help = "Example:\n  retrace shop scrap 0192f0c1 20261122-004627-part")]
     Scrap {

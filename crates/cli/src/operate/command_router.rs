@@ -93,7 +93,6 @@ impl CommandRouter {
     }
 
     /// Ends routing to a piece of a series, whose start has not ended: no other program begins before the next piece.
-    #[cfg_attr(not(feature = "shop"), expect(dead_code, reason = "there are no series without the shop"))]
     pub(super) fn end_piece(&self) {
         self.route().job = None;
     }

@@ -57,7 +57,7 @@ fn journals(roots: &[PathBuf]) -> Vec<JobStore> {
     let machines = roots.iter().filter_map(|root| MachineFolder::all(root).ok()).flatten();
     let ledgers = machines.filter_map(|machine| Ledger::read(&machine.ledger()).ok());
     let named = |ledger: Ledger| {
-        let runs = ledger.jobs().iter().flat_map(|job| &job.runs);
+        let runs = ledger.jobs().iter().flat_map(|job| &job.runs).filter(|run| !run.is_sent());
         runs.map(|run| run.journal.clone()).collect::<Vec<PathBuf>>()
     };
     let usual = JobStore::open_or_default(None).ok().map(|store| store.folder().to_owned());

@@ -1,11 +1,11 @@
-//! `retrace shop recall`, `give-up` and `scrap`: entries that a person makes in the ledger.
+//! `retrace shop recall`, `give-up`, `good` and `scrap`: entries that a person makes in the ledger.
 //!
 //! Invariant: state and entry belong together: the ledger is locked from the look at the state to the entry.
 
 use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
 use retrace_shop::{
-    LedgerEntry, LedgerJob, LedgerRun, OpenLedger, RunState, ShopFile, ShopJobState, give_back, run_state,
+    LedgerEntry, LedgerJob, LedgerRun, OpenLedger, RunOutcome, RunState, ShopFile, ShopJobState, give_back, run_state,
 };
 
 use super::host;
@@ -50,23 +50,45 @@ pub fn give_up(file: &ShopFile, name: &str) -> Result<(), NumberedError> {
 /// `E5004` where there is no such job, `E5020` where it has no such run, or the run is running.
 pub fn scrap(file: &ShopFile, name: &str, run: &str) -> Result<(), NumberedError> {
     let (mut open, job) = taken_job(file, name, "marked as scrap")?;
-    let (id, when) = (job.job.id, Timestamp::now());
+    let run = run_of(&job, run)?;
+    if run_state(run) == RunState::Running {
+        return Err(no_such_run(&job, format!("run {} is running", run.id)));
+    }
+    open.append(LedgerEntry::Scrap { when: Timestamp::now(), id: job.job.id, run: run.id.clone() })?;
+    say!("the piece of run {} is scrap", run.id);
+    Ok(())
+}
+
+/// Counts a piece that was sent to an old machine as good (SHP-30): nobody but its operator knows.
+///
+/// # Errors
+/// `E5004` where there is no such job, `E5020` where it has no such run, or the run has a journal or an end.
+pub fn good(file: &ShopFile, name: &str, run: &str) -> Result<(), NumberedError> {
+    let (mut open, job) = taken_job(file, name, "counted")?;
+    let run = run_of(&job, run)?;
+    if !run.is_sent() {
+        return Err(no_such_run(&job, format!("run {} was not sent to an old machine: its journal counts", run.id)));
+    }
+    if run.outcome.is_some() || run.is_scrap {
+        return Err(no_such_run(&job, format!("the piece of run {} is counted, or scrap", run.id)));
+    }
+    let (when, id, outcome) = (Timestamp::now(), job.job.id, RunOutcome::Completed);
+    open.append(LedgerEntry::Ended { when, id, run: run.id.clone(), outcome })?;
+    say!("the piece of run {} is good: {} of {}", run.id, job.good_pieces_now() + 1, job.job.quantity);
+    Ok(())
+}
+
+/// The run of this name, or of a unique beginning of it.
+fn run_of<'a>(job: &'a LedgerJob, run: &str) -> Result<&'a LedgerRun, NumberedError> {
     let mut near = job.runs.iter().filter(|known| !run.is_empty() && known.id.starts_with(run));
     let exact = job.runs.iter().find(|known| known.id == run);
     let found = exact.or_else(|| near.next().filter(|_| near.next().is_none()));
-    let refuse = |what: String| {
-        let remedy = format!("`retrace shop show {id}` lists the runs of the job");
-        Err(NumberedError::new("E5020", what, remedy))
-    };
-    match found {
-        None => refuse(format!("job {id} has no run {run}, or more than one begins so")),
-        Some(run) if run_state(run) == RunState::Running => refuse(format!("run {} is running", run.id)),
-        Some(LedgerRun { id: run, .. }) => {
-            open.append(LedgerEntry::Scrap { when, id, run: run.clone() })?;
-            say!("the piece of run {run} is scrap");
-            Ok(())
-        }
-    }
+    found.ok_or_else(|| no_such_run(job, format!("job {} has no run {run}, or more than one begins so", job.job.id)))
+}
+
+fn no_such_run(job: &LedgerJob, what: String) -> NumberedError {
+    let remedy = format!("`retrace shop show {}` lists the runs of the job", job.job.id);
+    NumberedError::new("E5020", what, remedy)
 }
 
 /// A job of the ledger, which is locked.

@@ -79,9 +79,20 @@ impl<'a> JobRow<'a> {
             ShopJobState::Queued | ShopJobState::Taken => "retrace shop agent --once".into(),
             ShopJobState::Ready => format!("retrace run --job {id}"),
             ShopJobState::Interrupted => self.listed.and_then(LedgerJob::resume_command).unwrap_or_default(),
-            ShopJobState::Unknown | ShopJobState::Refused => format!("retrace shop show {id}"),
+            ShopJobState::Unknown | ShopJobState::Refused => {
+                self.next_word().unwrap_or(format!("retrace shop show {id}"))
+            }
             _ => String::new(),
         }
+    }
+}
+
+impl JobRow<'_> {
+    /// The command by which the operator of an old machine says that a piece is good.
+    fn next_word(&self) -> Option<String> {
+        let is_open = |run: &&LedgerRun| run.is_sent() && run.outcome.is_none() && !run.is_scrap;
+        let run = self.listed?.runs.iter().find(is_open)?;
+        Some(format!("retrace shop good {} {}", self.job.id, run.id))
     }
 }
 

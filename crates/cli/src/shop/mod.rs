@@ -28,6 +28,7 @@ use retrace_shop::ShopFile;
 
 use crate::args::{self, ShopAction};
 
+pub use self::job_changes::{good, scrap};
 pub use self::job_list::{JobRow, check_text, details, rows};
 pub use self::shop_jobs::ShopJobs;
 
@@ -54,6 +55,7 @@ pub fn run(args: &args::Shop) -> Result<(), NumberedError> {
         // run above, without a shop file
         ShopAction::Key { .. } | ShopAction::Init(_) => Ok(()),
         ShopAction::GiveUp { id } => job_changes::give_up(&file, id),
+        ShopAction::Good { id, run } => job_changes::good(&file, id, run),
         ShopAction::Scrap { id, run } => job_changes::scrap(&file, id, run),
         #[cfg(unix)]
         ShopAction::Mtconnect(adapter) => mtconnect::run(&file, adapter),
