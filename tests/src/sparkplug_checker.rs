@@ -26,6 +26,7 @@ pub struct HostMetric {
     timestamp: Option<u64>,
     datatype: Option<u64>,
     is_null: bool,
+    is_historical: bool,
     value: Option<HostValue>,
 }
 
@@ -50,9 +51,13 @@ pub struct SparkplugHost {
     pub data: usize,
     /// Deaths of the session that was online.
     pub deaths: usize,
+    /// Historical values of this session: name, time in ms since 1970, and value; `None` is null.
+    pub historical: Vec<(String, u64, Option<HostValue>)>,
     /// Present values by name; `None` is null.
     pub values: BTreeMap<String, Option<HostValue>>,
     names: BTreeMap<u64, (String, u64)>,
+    /// Time of the last birth.
+    born_ms: u64,
     seq: u64,
     /// `bdSeq` of the last death.
     dead: Option<u64>,
@@ -105,6 +110,9 @@ impl SparkplugHost {
             let name = metric.name.clone().ok_or("a metric of a birth without a name")?;
             let datatype = metric.datatype.ok_or_else(|| format!("{name} without a type"))?;
             has_value(metric, datatype).map_err(|why| format!("{name}: {why}"))?;
+            if metric.is_historical {
+                return Err(format!("{name} is historical in a birth"));
+            }
             if let Some(alias) = metric.alias
                 && names.insert(alias, (name.clone(), datatype)).is_some()
             {
@@ -122,6 +130,10 @@ impl SparkplugHost {
             return Err("no `Node Control/Rebirth` that is false and has no alias".into());
         }
         (self.names, self.values) = (names, values);
+        if !self.is_online {
+            self.historical.clear();
+        }
+        self.born_ms = payload.timestamp.unwrap_or_default();
         (self.is_online, self.bd_seq, self.seq) = (true, Some(number), 0);
         self.births += 1;
         Ok(())
@@ -142,10 +154,19 @@ impl SparkplugHost {
         for metric in payload.metrics {
             let alias = metric.alias.ok_or("a metric of data without an alias")?;
             let (name, datatype) = self.names.get(&alias).ok_or_else(|| format!("alias {alias} was not born"))?;
+            has_value(&metric, *datatype).map_err(|why| format!("{name}: {why}"))?;
+            if metric.is_historical && metric.name.is_none() {
+                let time = metric.timestamp.unwrap_or_default();
+                let is_in_order = self.historical.last().is_none_or(|(_, last, _)| *last <= time);
+                if !is_in_order || time > self.born_ms {
+                    return Err(format!("{name}: an old value of {time}, which is not in order or not old"));
+                }
+                self.historical.push((name.clone(), time, metric.value));
+                continue;
+            }
             if metric.name.is_some() || !aliases.insert(alias) {
                 return Err(format!("{name} comes twice, or with its name"));
             }
-            has_value(&metric, *datatype).map_err(|why| format!("{name}: {why}"))?;
             let last = self.values.insert(name.clone(), metric.value.clone());
             if last == Some(metric.value) {
                 return Err(format!("{name} has not changed"));
@@ -228,6 +249,7 @@ fn decode_metric(bytes: &[u8]) -> Result<HostMetric, String> {
             (2, Field::Varint(alias)) => metric.alias = Some(alias),
             (3, Field::Varint(time)) => metric.timestamp = Some(time),
             (4, Field::Varint(datatype)) => metric.datatype = Some(datatype),
+            (5, Field::Varint(flag)) => metric.is_historical = flag != 0,
             (7, Field::Varint(flag)) => metric.is_null = flag != 0,
             (10 | 11, Field::Varint(value)) => metric.value = Some(HostValue::Integer(value)),
             (13, Field::Fixed(value)) => metric.value = Some(HostValue::Number(f64::from_le_bytes(value))),

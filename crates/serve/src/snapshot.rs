@@ -201,6 +201,10 @@ pub(crate) struct LiveView {
     at_rest: bool,
     left_s: Option<f64>,
     run_s: f64,
+    /// Time of the job outside of the normal run: in reverse run, forward over retraced path, or by the handwheel, s.
+    retraced_s: f64,
+    /// Time of the job in a hold, at a program stop or in single block, s.
+    held_s: f64,
     seconds_lit: Option<f64>,
     /// Measured speed of the spindle, turns a minute, positive clockwise.
     rpm: Option<f64>,
@@ -498,6 +502,8 @@ impl LiveView {
             at_rest: model.at_rest,
             left_s: model.time_remaining().map(|left| rounded(left.seconds, 10.0)),
             run_s: rounded(model.run_s(), 10.0),
+            retraced_s: rounded(model.retraced_periods as f64 * model.facts.period_s, 10.0),
+            held_s: rounded(model.held_periods as f64 * model.facts.period_s, 10.0),
             seconds_lit: (lit > 0.0).then(|| rounded(lit, 10.0)),
             rpm: model.spindle.speed.map(|speed| rounded(f64::from(speed) / 1000.0, 1.0)),
             gear: match model.spindle.gear {

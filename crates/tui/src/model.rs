@@ -170,6 +170,10 @@ pub struct ScreenModel {
     pub period: u64,
     /// Period in which the job began.
     pub began: u64,
+    /// Periods of the job in which its path was retraced, by whatever means, and those in which it was held.
+    pub retraced_periods: u64,
+    /// Periods of the job in which a hold, a program stop or single block held it.
+    pub held_periods: u64,
     /// Period in which the program ended, or the job before it; the job's clock stops there.
     pub ended: Option<u64>,
     /// Counts of the axes, pulses: path and layer.
@@ -325,6 +329,8 @@ impl ScreenModel {
             homing: vec![AxisHoming::default(); axes],
             period: 0,
             began: 0,
+            retraced_periods: 0,
+            held_periods: 0,
             ended: None,
             counts: vec![0; axes],
             layer: 0,
@@ -484,6 +490,18 @@ impl ScreenModel {
     #[must_use]
     pub fn run_s(&self) -> f64 {
         self.ended.unwrap_or(self.period).saturating_sub(self.began) as f64 * self.facts.period_s
+    }
+
+    /// Counts the periods since the last look at a job, in the mode in which they were spent.
+    pub(crate) fn count_periods(&mut self, mode: Mode, hold_reason: HoldReason, periods: u64) {
+        if self.stage != ScreenStage::Job {
+            return;
+        }
+        if mode != Mode::Run {
+            self.retraced_periods += periods;
+        } else if matches!(hold_reason, HoldReason::Hold | HoldReason::ProgramStop | HoldReason::SingleBlock) {
+            self.held_periods += periods;
+        }
     }
 
     /// Time remaining, where it is known.

@@ -254,6 +254,7 @@ fn record_executed(executed: &mut Option<(ExecutedPath, u64)>, place: Place, mod
 
 fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>) {
     let step_mm = step_mm(model, &period.increments);
+    model.count_periods(period.mode, period.hold_reason, period.period.saturating_sub(model.period));
     model.period = period.period;
     for (slot, &count) in model.counts.iter_mut().zip(&period.counts) {
         *slot = count;
@@ -447,6 +448,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
 /// Starts a job: clears what an earlier job left, except its messages.
 fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
+    (model.retraced_periods, model.held_periods) = (0, 0);
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
     (model.cut_end_line, model.lost_cutter, model.is_stopping) = (None, None, false);

@@ -109,6 +109,7 @@ impl Host {
             ("state", "birth") => self.is_current = true,
             ("state", "data") if self.is_current => {}
             ("state", "stale") => self.is_current = false,
+            ("value", _) if rest.ends_with(" historical") => {}
             ("value", _) => {
                 if name == "state" {
                     self.states.insert(rest.into());

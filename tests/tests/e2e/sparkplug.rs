@@ -145,7 +145,10 @@ fn a_host_sees_what_the_machine_does() {
     ] {
         assert_eq!(host.host.value(name), Some(&value), "{name}");
     }
-    assert_eq!((host.host.value("alarm/number"), host.host.value("held_s")), (None, None));
+    assert_eq!(host.host.value("alarm/number"), None);
+    // it has not gone back, and has been held since M1
+    assert_eq!(host.host.value("retraced_s"), Some(&HostValue::Number(0.0)));
+    host.wait("it is held", |host| matches!(host.value("held_s"), Some(HostValue::Number(held)) if *held > 1.0));
     assert_eq!(host.host.value("part_count"), Some(&HostValue::Integer(0)));
     host.client.publish(COMMAND, &command("Node Control/Rebirth", true), false);
     host.wait_birth(2, 0);
@@ -230,6 +233,47 @@ fn a_broker_that_comes_back_sees_the_next_birth() {
         broker.restart();
     }
     assert_contains(&printed, &["E5027"]);
+}
+
+/// What changes while the broker is away follows the next birth, flagged as old, in order and each once; what the host
+/// holds for present is not changed by it.
+#[test]
+fn values_of_the_time_without_a_broker_follow_its_birth() {
+    let bench = Bench::new();
+    let test = "values_of_the_time_without_a_broker_follow_its_birth";
+    let Some((mut broker, address)) = mosquitto(&bench, test, "") else { return };
+    let running = bench.path("state/retrace/running");
+    std::fs::create_dir_all(&running).expect("a folder");
+    let listener = UnixListener::bind(running.join("1.sock")).expect("a socket");
+    let mut host = Host::connect(broker.port, None);
+    let _node = SparkplugNode::start(&bench, &address, "");
+    let (mut machine, _) = listener.accept().expect("it reads");
+    let mut report = |message: serde_json::Value| writeln!(machine, "{message}").expect("it reads");
+    report(serde_json::json!({"t": "machine", "version": 1, "name": "table 1", "axes": []}));
+    let state = |line: u64| {
+        let (stage, mode, reason) = ("job", "run", "none");
+        serde_json::json!({"t": "state", "stage": stage, "mode": mode, "hold_reason": reason, "line": line})
+    };
+    report(state(1));
+    host.wait("the line", |host| host.value("line") == Some(&HostValue::Integer(1)));
+    broker.kill();
+    SparkplugNode::wait_for(&bench, "E5027");
+    for line in 2..=5 {
+        sleep(Duration::from_millis(1_100));
+        report(state(line));
+    }
+    sleep(Duration::from_millis(1_100));
+    broker.restart();
+    let mut host = Host::connect(broker.port, None);
+    SparkplugNode::wait_for(&bench, "bdSeq 1)");
+    let lines = |host: &SparkplugHost| {
+        let of_line = host.historical.iter().filter(|(name, ..)| name == "line");
+        of_line.filter_map(|(.., value)| value.clone()).collect::<Vec<_>>()
+    };
+    let expected: Vec<HostValue> = (2..=5).map(HostValue::Integer).collect();
+    host.wait("the old lines", |host| host.is_online && lines(host).len() >= expected.len());
+    host.take_for(Duration::from_millis(1_500));
+    assert_eq!((lines(&host.host), host.host.value("line")), (expected, Some(&HostValue::Integer(5))));
 }
 
 /// Where a primary host is named, nothing is born before it is online; where it goes offline, the node leaves.

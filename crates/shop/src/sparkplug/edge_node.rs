@@ -17,6 +17,7 @@ use serde_json::Value;
 
 use super::node_metric::NodeMetric;
 use super::payload::{Datatype, Payload, PayloadMetric, PayloadValue};
+use super::value_history::ValueHistory;
 
 /// Shortest interval between two messages.
 pub(super) const MIN_INTERVAL: Duration = Duration::from_millis(500);
@@ -90,6 +91,8 @@ pub struct EdgeNode {
     /// The metrics of the last birth, with the values that were published last.
     published: Vec<NodeMetric>,
     published_at: Option<Duration>,
+    /// Values of the time in which nothing could be published.
+    history: ValueHistory,
     is_rebirth_due: bool,
     host_is_online: bool,
     host_timestamp: Option<u64>,
@@ -107,6 +110,7 @@ impl EdgeNode {
             seq: 0,
             published: Vec::new(),
             published_at: None,
+            history: ValueHistory::default(),
             is_rebirth_due: false,
             host_is_online: false,
             host_timestamp: None,
@@ -187,21 +191,22 @@ impl EdgeNode {
     /// What is to be published now, if anything. `now` is any clock that does not go back; `time_ms` is ms since 1970.
     pub fn step(&mut self, now: Duration, time_ms: u64, metrics: Vec<NodeMetric>) -> NodeStep {
         let host_is_away = self.name.primary_host.is_some() && !self.host_is_online;
-        match self.phase {
-            Phase::Away => return NodeStep::Idle,
-            Phase::Waiting if host_is_away => return NodeStep::Idle,
-            Phase::Born if host_is_away => {
-                let death = self.death(time_ms);
-                self.lost();
-                return NodeStep::Disconnect(death);
-            }
-            Phase::Waiting | Phase::Born => {}
+        if self.phase == Phase::Born && host_is_away {
+            let death = self.death(time_ms);
+            self.lost();
+            return NodeStep::Disconnect(death);
+        }
+        if self.phase == Phase::Away || host_is_away {
+            self.history.record(now, time_ms, &self.published, &metrics);
+            return NodeStep::Idle;
         }
         let is_due = self.published_at.is_none_or(|at| now.saturating_sub(at) >= MIN_INTERVAL);
         if self.phase == Phase::Waiting || is_due && (self.is_rebirth_due || self.has_other_metrics(&metrics)) {
             return NodeStep::Publish(self.birth(now, time_ms, metrics));
         }
         let changed = if is_due { self.take_changes(time_ms, metrics) } else { Vec::new() };
+        let historical = if is_due { self.history.take(time_ms, &self.published) } else { Vec::new() };
+        let changed = [historical, changed].concat();
         if changed.is_empty() {
             return NodeStep::Idle;
         }
@@ -217,6 +222,7 @@ impl EdgeNode {
 
     fn birth(&mut self, now: Duration, time_ms: u64, metrics: Vec<NodeMetric>) -> Publication {
         (self.phase, self.seq, self.is_rebirth_due) = (Phase::Born, 0, false);
+        self.history.pause();
         // The specification wants these two without an alias: a host names them in its commands and in the will.
         let rebirth = PayloadMetric {
             name: Some(REBIRTH.into()),

@@ -18,6 +18,7 @@ mod payload;
 mod reconnection_delay;
 mod sparkplug_session;
 mod tls;
+mod value_history;
 
 pub use edge_node::{EdgeNode, NodeName, NodeStep, Publication, ReceivedCounts};
 pub use mqtt_connection::MqttVersion;

@@ -50,8 +50,8 @@ pub fn node_metrics(report: &MachineReport, axes: &[ReportedAxis]) -> Vec<NodeMe
         metric("alarm/number", Datatype::String, present(alarm.and_then(|(number, _)| text(number)))),
         metric("alarm/text", Datatype::String, present(alarm.and_then(|(_, cause)| text(cause)))),
         // The socket of the state does not report these two.
-        metric("retraced_s", Datatype::Double, None),
-        metric("held_s", Datatype::Double, None),
+        metric("retraced_s", Datatype::Double, report.live("retraced_s").and_then(number)),
+        metric("held_s", Datatype::Double, report.live("held_s").and_then(number)),
         metric("version", Datatype::String, text(env!("CARGO_PKG_VERSION"))),
     ]);
     metrics
@@ -120,7 +120,7 @@ mod tests {
         }));
         report.take(json!({
             "t": "live", "mm": [1.5, null], "work": [-1.5, 2], "feed": 600.0, "rate": -0.5, "rpm": null,
-            "at_rest": false,
+            "at_rest": false, "retraced_s": 1.5, "held_s": 0.0,
         }));
         report.take(json!({"t": "block", "text": "G1 X1", "line": 12}));
         report.shop_job = Some("0192".into());
@@ -148,8 +148,8 @@ mod tests {
             ("part_count", Some(PayloadValue::Long(3))),
             ("alarm/number", text("E3012")),
             ("alarm/text", text("open")),
-            ("retraced_s", None),
-            ("held_s", None),
+            ("retraced_s", Some(PayloadValue::Double(1.5))),
+            ("held_s", Some(PayloadValue::Double(0.0))),
         ] {
             assert_eq!(found(name), value, "{name}");
         }

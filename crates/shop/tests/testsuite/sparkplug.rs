@@ -214,3 +214,36 @@ fn three_hundred_changes_wrap_the_sequence_and_one_rebirth_begins_it_again() {
     trial.apply(Happening::Time(500)).expect("reborn");
     assert_eq!((trial.host.births, trial.host.bd_seq, trial.node.received().rebirths), (2, Some(0), 100));
 }
+
+/// Values of the time away: after the birth, in order, with the times at which they were so, and none of them twice.
+#[test]
+fn values_of_the_time_away_follow_the_birth() -> Result<(), String> {
+    let mut trial = Trial::new(false, None);
+    for happening in [Happening::Connect, Happening::Subscribed, Happening::Report(1, false), Happening::Lost] {
+        trial.apply(happening)?;
+    }
+    for line in 2..=40 {
+        trial.apply(Happening::Report(line, false))?;
+        trial.apply(Happening::Time(600))?;
+    }
+    trial.apply(Happening::Connect)?;
+    trial.apply(Happening::Subscribed)?;
+    assert!(trial.host.is_online && trial.host.historical.is_empty());
+    for _ in 0..5 {
+        trial.apply(Happening::Time(600))?;
+    }
+    let lines = trial.host.historical.iter().filter(|(name, ..)| name == "line");
+    let lines: Vec<_> = lines.map(|(_, _, value)| value.clone()).collect();
+    // the first look only begins the record
+    let expected: Vec<_> = (2..=40).map(|line| Some(HostValue::Integer(line))).collect();
+    assert!(expected.ends_with(&lines) && lines.len() >= 38, "{lines:?}");
+    assert_eq!(trial.host.value("line"), Some(&HostValue::Integer(40)));
+    // what was sent is not sent again
+    let sent = trial.host.historical.len();
+    for happening in [Happening::Lost, Happening::Connect, Happening::Subscribed, Happening::Time(600)] {
+        trial.apply(happening)?;
+    }
+    trial.apply(Happening::Time(600))?;
+    assert!(sent > 0 && trial.host.is_online && trial.host.historical.is_empty(), "{:?}", trial.host.historical);
+    Ok(())
+}
