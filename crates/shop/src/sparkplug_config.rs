@@ -8,8 +8,8 @@ use retrace_config::NumberedError;
 use serde::Deserialize;
 
 /// The keys of the section, for the nearest one to a misspelt key.
-pub(crate) const KEYS: [&str; 8] =
-    ["sparkplug", "broker", "group", "user", "password_file", "ca", "primary_host", "insecure"];
+pub(crate) const KEYS: [&str; 10] =
+    ["sparkplug", "broker", "group", "user", "password_file", "ca", "certificate", "key", "primary_host", "insecure"];
 /// Longest name of a group or host.
 const MAX_NAME: usize = 64;
 
@@ -22,6 +22,8 @@ pub struct SparkplugConfig {
     pub port: u16,
     /// File with the root certificates of the broker, in PEM; `None` is a connection without TLS.
     pub ca: Option<PathBuf>,
+    /// Files with the certificate of this machine, and those that issued it, and with its private key, in PEM.
+    pub identity: Option<(PathBuf, PathBuf)>,
     /// Group that the machine belongs to.
     pub group: String,
     /// User.
@@ -41,6 +43,8 @@ pub(crate) struct SparkplugToml {
     user: Option<String>,
     password_file: Option<PathBuf>,
     ca: Option<PathBuf>,
+    certificate: Option<PathBuf>,
+    key: Option<PathBuf>,
     primary_host: Option<String>,
     #[serde(default)]
     insecure: bool,
@@ -79,6 +83,21 @@ impl SparkplugToml {
         if !is_tls && self.ca.is_some() {
             return Err(wrong("broker", &self.broker, "write `mqtts://` for TLS, or remove `ca`"));
         }
+        let identity = match (self.certificate, self.key) {
+            (None, None) => None,
+            (Some(certificate), Some(key)) if is_tls => Some((certificate, key)),
+            (Some(_), Some(_)) => {
+                return Err(wrong(
+                    "broker",
+                    &self.broker,
+                    "write `mqtts://` for TLS, or remove `certificate` and `key`",
+                ));
+            }
+            (Some(file), None) | (None, Some(file)) => {
+                let remedy = "name both: certificate = \"mill-3.pem\" and key = \"mill-3.key\"";
+                return Err(wrong("certificate and key", &file.display().to_string(), remedy));
+            }
+        };
         if !is_tls && !is_this_computer(&host) && !self.insecure {
             let what = format!("{}: the connection to the broker {host} would not be encrypted", file.display());
             let remedy = "write `mqtts://` with `ca`; `insecure = true` allows a connection that others can read";
@@ -89,6 +108,7 @@ impl SparkplugToml {
             host,
             port,
             ca: self.ca.map(beside),
+            identity: identity.map(|(certificate, key)| (beside(certificate), beside(key))),
             group: self.group,
             user: self.user,
             password_file: self.password_file.map(beside),
@@ -195,6 +215,21 @@ mod tests {
         for host in ["localhost", "127.0.0.1", "[::1]"] {
             let own = check(&format!("broker = \"mqtt://{host}\"")).expect(host);
             assert!(!own.is_readable_by_others(), "{host}");
+        }
+    }
+
+    #[test]
+    fn a_certificate_of_the_machine_has_its_key_and_needs_tls() {
+        let tls = "broker = \"mqtts://mill.example\"\nca = \"root.pem\"\n";
+        let both = "certificate = \"m.pem\"\nkey = \"m.key\"\n";
+        assert!(check(&format!("{tls}{both}")).expect("allowed").identity.is_some());
+        assert!(check(tls).expect("allowed").identity.is_none());
+        for wrong in [
+            format!("{tls}certificate = \"m.pem\""),
+            format!("{tls}key = \"m.key\""),
+            format!("broker = \"mqtt://{}\"\n{both}", "localhost"),
+        ] {
+            assert_eq!(check(&wrong).expect_err("refused").number, "E5021", "{wrong}");
         }
     }
 }

@@ -455,6 +455,43 @@ fn a_broker_with_tls_is_trusted_by_its_certificate() {
     assert_contains(&SparkplugNode::wait_for(&bench, "E5027"), &["TLS"]);
 }
 
+/// A broker that asks for the certificate of the machine: without one the node is refused, with one it is born. A key
+/// that everybody can read is not used.
+#[test]
+fn a_broker_that_asks_for_a_certificate_gets_that_of_the_machine() {
+    let bench = Bench::new();
+    let test = "a_broker_that_asks_for_a_certificate_gets_that_of_the_machine";
+    let (key, own) = (bench.path("mill.key"), bench.path("mill.pem"));
+    let mut openssl = Command::new("openssl");
+    openssl.args(["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2"]);
+    openssl.args(["-subj", "/CN=mill", "-keyout"]).arg(&key).arg("-out").arg(&own).stderr(Stdio::null());
+    if !openssl.status().is_ok_and(|made| made.success()) {
+        return not_run(&format!("sparkplug::{test}"), "openssl is not installed");
+    }
+    let file = |name: &str| root().join("tests/data/tls").join(name).display().to_string();
+    let lines = format!(
+        "certfile {}\nkeyfile {}\ncafile {}\nrequire_certificate true\n",
+        file("certificate.pem"),
+        file("key.pem"),
+        own.display()
+    );
+    let Some((broker, _)) = mosquitto(&bench, test, &lines) else { return };
+    let address = format!("mqtts://{}:{}", "localhost", broker.port);
+    let ca = format!("ca = \"{}\"\n", file("authority.pem"));
+    let node = SparkplugNode::start(&bench, &address, &ca);
+    SparkplugNode::wait_for(&bench, "E5027");
+    drop(node);
+    let with_own = format!("{ca}certificate = \"mill.pem\"\nkey = \"mill.key\"\n");
+    let allow = |mode: &str| Command::new("chmod").arg(mode).arg(&key).status().expect("changed");
+    allow("644");
+    let mut node = SparkplugNode::start(&bench, &address, &with_own);
+    assert_contains(&SparkplugNode::wait_for(&bench, "E5023"), &["mill.key", "everybody"]);
+    assert_eq!(node.wait().code(), Some(2));
+    allow("600");
+    let _node = SparkplugNode::start(&bench, &address, &with_own);
+    SparkplugNode::wait_for(&bench, "born");
+}
+
 /// A connection to a broker of the test: the stream, and the protocol level of the first packet.
 fn accept(listener: &TcpListener) -> (TcpStream, u8) {
     let (mut stream, _) = listener.accept().expect("it connects");

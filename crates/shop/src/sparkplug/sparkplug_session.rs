@@ -81,7 +81,13 @@ impl SparkplugSession {
         Ok(Self {
             client: format!("retrace-{}-{}", name.group, name.node),
             user: config.user.clone().map(|user| (user, password)),
-            tls: config.ca.as_deref().map(tls::client_config).transpose()?,
+            tls: match config.ca.as_deref() {
+                Some(ca) => {
+                    let identity = config.identity.as_ref().map(|(certificate, key)| (&**certificate, &**key));
+                    Some(tls::client_config(ca, identity)?)
+                }
+                None => None,
+            },
             node: EdgeNode::new(name, read_bd_seq(&bd_seq_file)?),
             config,
             bd_seq_file,
