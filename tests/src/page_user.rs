@@ -292,7 +292,8 @@ impl PageUser {
                context.drawImage(bitmap, 0, 0);
                const pixels = context.getImageData(0, 0, bitmap.width, bitmap.height).data;
                let count = 0;
-               for (let at = 0; at < pixels.length; at += 4) if (pixels[at] + pixels[at + 1] + pixels[at + 2] < 9) count++;
+               for (let at = 0; at < pixels.length; at += 4)
+                 if (pixels[at] + pixels[at + 1] + pixels[at + 2] < 9) count++;
                return count;
              }})()"
         );

@@ -56,22 +56,23 @@ pub const ROWS: &[Row] = &[
         models: &[loom(SAVED), loom(SPACE), loom(FAILS_ONCE), loom(NEVER_WORKS)],
         mutants: &[
             mutant(
-                "the writer is not woken by a mark",
+                "the writer is not woken by the first entry",
                 QUEUE,
                 [
-                    "drop(state);\n        self.0.changed.notify_all();\n    }\n\n    /// Pushes an entry that the job",
-                    "drop(state);\n    }\n\n    /// Pushes an entry that the job",
+                    "let wakes = state.queue.len() == 1 || state.queue.len() == self.0.capacity;",
+                    "let wakes = state.queue.len() > 1;",
                 ],
                 SAVED,
             ),
             mutant(
-                "the writer is woken before the event is there",
+                "the writer is woken before the entry is there",
                 QUEUE,
                 [
-                    "        state.queue.push_back(entry);\n        drop(state);\n        \
-                        self.0.changed.notify_all();\n    }\n\n    /// In virtual time",
+                    "        state.queue.push_back(entry);\n        let wakes = state.queue.len() == 1 || \
+                        state.queue.len() == self.0.capacity;\n        drop(state);\n        if wakes {\n            \
+                        self.0.changed.notify_all();\n        }",
                     "        drop(state);\n        self.0.changed.notify_all();\n        \
-                        self.state().queue.push_back(entry);\n    }\n\n    /// In virtual time",
+                        self.state().queue.push_back(entry);",
                 ],
                 SAVED,
             ),

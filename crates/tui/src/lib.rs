@@ -39,6 +39,7 @@ mod height_text;
 mod key_state;
 mod keys;
 mod layout;
+mod message;
 mod model;
 mod model_observer;
 mod operator_panel;
@@ -65,8 +66,9 @@ mod tests;
 
 pub use diagnostic_text::diagnostic_lines;
 pub use height_text::{HeightFigures, ToolHeight};
+pub use message::Message;
 pub use model::{
-    Active, AlarmShown, AxisHoming, Message, MotionKind, Pause, Question, Redraw, Rejection, ScreenModel, ScreenStage,
+    Active, AlarmShown, AxisHoming, MotionKind, Pause, Question, Redraw, Rejection, ScreenModel, ScreenStage,
     TimeRemaining,
 };
 pub use model_observer::{ModelObserver, lock_model};

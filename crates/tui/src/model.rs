@@ -11,14 +11,12 @@ use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
 use retrace_link::{AnalogInputs, HeightState, SpindleStatus, channel};
 
+use crate::message::{self, Message};
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
 use crate::shop_job_table::ShopJobTable;
 use crate::trail::Trail;
 use crate::work_tables::WorkTables;
-
-/// Maximum number of retained messages.
-pub(crate) const MESSAGES: usize = 200;
 
 /// Stage of the job.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -56,19 +54,6 @@ pub struct Question {
     pub lines: Vec<String>,
 }
 
-/// Message line.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Message {
-    /// Machine time, s.
-    pub time_s: f64,
-    /// Program line; 0 for none.
-    pub line: u32,
-    /// Text.
-    pub text: String,
-    /// Number of times it was reported recently.
-    pub times: u32,
-}
-
 /// Order of the operator that was passed on and then not carried out.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rejection {
@@ -81,9 +66,6 @@ pub struct Rejection {
     /// Remedy; empty where the cause names it.
     pub remedy: String,
 }
-
-/// A message that repeats one of the last few is counted instead of added.
-const REPEATED_WITHIN: usize = 8;
 
 /// Homing state of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -541,21 +523,9 @@ impl ScreenModel {
         self.program_outputs.get(&channel).copied().unwrap_or(0)
     }
 
-    /// Adds a message. Where it repeats the last one, it is counted instead; a diagnostic also where it repeats a recent
-    /// one: several faults that take turns are one message each.
+    /// Adds a message, or counts it where it repeats another.
     pub fn add_message(&mut self, time_s: f64, line: u32, text: impl Into<String>) {
-        let text = text.into();
-        let mut letters = text.chars();
-        let is_diagnostic =
-            matches!(letters.next(), Some('E' | 'W')) && letters.next().is_some_and(|c| c.is_ascii_digit());
-        let recent = self.messages.len().saturating_sub(if is_diagnostic { REPEATED_WITHIN } else { 1 });
-        let same =
-            (recent..self.messages.len()).find(|&at| self.messages[at].text == text && self.messages[at].line == line);
-        let times = same.and_then(|at| self.messages.remove(at)).map_or(1, |before| before.times.saturating_add(1));
-        if self.messages.len() >= MESSAGES {
-            self.messages.pop_front();
-        }
-        self.messages.push_back(Message { time_s, line, text, times });
+        message::add(&mut self.messages, time_s, line, text.into());
         self.changes += 1;
     }
 

@@ -7,7 +7,8 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 
 use super::{Theme, pane, put_at, truncate};
-use crate::model::{Message, ScreenModel, ScreenStage};
+use crate::message::Message;
+use crate::model::{ScreenModel, ScreenStage};
 
 /// Draws the program, with `>` at the active block and `x` at the furthest one.
 pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
