@@ -9,6 +9,8 @@ import { feedUnit, formatDuration, formatFeed, formatPercent } from './units.js'
 import { sign } from './signs.js';
 
 const SHOWN_OUTPUTS = 4;
+/** Stages in which a job runs, or has run. */
+const RUN_STAGES = ['job', 'ended'];
 const CUTTER_WORDS = {
   off: 'off',
   sensing: 'sensing the sheet',
@@ -123,7 +125,8 @@ export class FeedPanel {
   }
 
   build(hello) {
-    const { outputs } = hello.machine;
+    const { outputs, has_spindle: hasSpindle } = hello.machine;
+    this.speedOverride.node.hidden = !hasSpindle;
     const sorted = [...outputs].sort((a, b) => Number(b.is_cutter) - Number(a.is_cutter));
     const isMore = sorted.length > SHOWN_OUTPUTS;
     const shown = sorted.slice(0, isMore ? SHOWN_OUTPUTS - 1 : SHOWN_OUTPUTS);
@@ -135,14 +138,16 @@ export class FeedPanel {
   }
 
   outputButton(output) {
-    const mark = element('span', { class: 'output-mark', 'aria-hidden': 'true' });
+    const mark = element('span', { class: 'output-mark', 'aria-hidden': 'true' }),
+      expected = element('small');
     const node = element(
       'button',
       { type: 'button', class: 'output', 'aria-pressed': 'false', on: { click: () => this.toggle(output, node) } },
       mark,
       element('span', { class: 'output-name', text: output.name }),
+      expected,
     );
-    return { output, node, mark };
+    return { output, node, mark, expected };
   }
 
   valueOf(output) {
@@ -182,7 +187,7 @@ export class FeedPanel {
 
   showOutputs() {
     const mayCut = this.store.allows('cutter-on') || this.store.allows('output');
-    for (const { output, node, mark } of [...this.outputButtons, ...(this.dialogButtons ?? [])]) {
+    for (const { output, node, mark, expected } of [...this.outputButtons, ...(this.dialogButtons ?? [])]) {
       const entry = this.valueOf(output),
         isOn = (entry?.value ?? 0) !== 0;
       const differs =
@@ -192,6 +197,7 @@ export class FeedPanel {
       node.setAttribute('aria-pressed', String(isOn));
       node.title = differs ? `${output.name}: the program expects ${entry.expected ? 'on' : 'off'}` : output.name;
       setText(mark, `${isOn ? '■' : '□'}${differs ? '≠' : ''}`);
+      setText(expected, differs ? `is ${isOn ? 'on' : 'off'}, program: ${entry.expected ? 'on' : 'off'}` : '');
       setOff(
         node,
         output.is_cutter && !isOn ? !mayCut : !this.store.allows('output') && !this.store.allows('cutter-off'),
@@ -233,7 +239,8 @@ export class FeedPanel {
     setText(this.feed.value, formatFeed(live?.feed));
     setText(this.rate.value, formatPercent(live?.rate));
     setText(this.left.value, formatDuration(live?.left_s));
-    setText(this.run.value, formatDuration(live?.run_s));
+    // Before a job runs its time is that of the machine since it was switched on.
+    setText(this.run.value, formatDuration(RUN_STAGES.includes(state.stage) ? live?.run_s : null));
     this.showSpindle(live);
     this.showCutter(state, live);
     this.height.show(live);

@@ -128,10 +128,13 @@ fn everything_is_done_by_keys_too() {
     machine.wait("10 mm back", |report| report["live"]["back_mm"].as_f64() > Some(10.0));
     user.key(" ");
     machine.wait_for_rest();
+    // An order that was given to what the page showed before is refused.
+    user.wait_for_word("FEED HOLD");
     user.key("f");
     user.wait_for_word("FORWARD");
     user.key(" ");
     let before = machine.wait_for_rest()["live"]["record"].as_f64();
+    user.wait_for_word("FEED HOLD");
     user.key("w");
     user.wait_for_word("HANDWHEEL");
     (0..10).for_each(|_| user.key("ArrowLeft"));

@@ -99,6 +99,12 @@ fn an_overridden_speed_is_no_output_that_differs() {
     let last = trace.iter().rfind(|sample| sample.line == 4 && sample.rate > 0.0).expect("a sample");
     assert_eq!(rpm(last), 800.0);
     assert!(trace.iter().filter(|sample| sample.line == 4).all(|sample| sample.is_on("spindle")));
+    // Nor where the program has switched S under the override.
+    let before =
+        "at 0s speed override 60%\nat line 4 hold\nafter 1s resume\nafter 0.3s reverse 50%\nafter 0.3s leave\n";
+    let (run, trace) = self::run(PROGRAM, before);
+    assert_eq!(run.of_kind("outputs_differ").count(), 0, "{}", run.output.out);
+    assert_eq!(speeds(&trace, 4), [600.0]);
 }
 
 /// In a thread S is that of the program.
