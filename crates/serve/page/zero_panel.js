@@ -21,11 +21,12 @@ export class ZeroPanel {
       { 'aria-label': 'Coordinate system', on: { change: () => this.selectSystem() } },
       ...SYSTEMS.map(name => element('option', { value: name, text: name })),
     );
+    this.sheet = button('Sheet edge …', () => this.takeSheetPoint());
     this.node = element(
       'div',
       { class: 'column' },
       this.body,
-      element('div', { class: 'row' }, this.systems, this.all),
+      element('div', { class: 'row' }, this.systems, this.sheet, this.all),
     );
     store.on('hello', hello => this.build(hello));
     store.on('state control link', () => this.showState());
@@ -82,6 +83,24 @@ export class ZeroPanel {
     });
   }
 
+  /** Takes a point of the edge of the sheet, after saying what it is for; with both points, asks whether to set it. */
+  takeSheetPoint() {
+    if (isOff(this.sheet)) return;
+    const points = this.store.state.sheet?.points ?? 0;
+    if (points >= 2) {
+      this.actions.perform('sheet-edge');
+      return;
+    }
+    const where = points === 0 ? 'at the zero of the job' : 'further along it';
+    confirm({
+      title: 'Align the job to the edge of the sheet',
+      text: `Two points on the edge set the work zero and the direction of the job. Jog the tool to the edge, ${where}.`,
+      label: `Take the ${points === 0 ? 'first' : 'second'} point here`,
+      danger: false,
+      run: () => this.orders.send('sheet point'),
+    });
+  }
+
   setTo(axis) {
     const name = axis.letter.toUpperCase();
     prompt({
@@ -112,6 +131,7 @@ export class ZeroPanel {
     this.systems.disabled = !this.store.allows('mdi');
     const mayZero = this.store.allows('work-zero');
     setOff(this.all, !mayZero);
+    setOff(this.sheet, !this.store.allows('sheet-edge'));
     for (const { buttons } of this.rows ?? []) {
       setOff(buttons.zero, !mayZero);
       setOff(buttons.set, !this.store.allows('mdi'));

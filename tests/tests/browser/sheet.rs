@@ -20,7 +20,7 @@ const PROGRAM: &str = "G21 G90 G61 F900\nG0 X30 Y20\nM3\nG1 X120\nG1 Y60\nM5\nM2
 const PLACED: [u8; 3] = [0xff, 0x8f, 0xc7];
 const PLANNED: [u8; 3] = [0x8d, 0x98, 0xa5];
 
-/// Moves the machine there by MDI, and takes the point by its key.
+/// Moves the machine there by MDI, and takes the first point where the zero is set, the second by its key.
 fn take_point(user: &mut PageUser, machine: &Machine<'_>, [x, y]: [f64; 2], points: u64) {
     user.tap("#tab-mdi", "");
     user.tap(".mdi-text", "");
@@ -32,8 +32,15 @@ fn take_point(user: &mut PageUser, machine: &Machine<'_>, [x, y]: [f64; 2], poin
         report["live"]["at_rest"] == true && report["state"]["stage"] == "setup" && off.iter().all(|off| *off < 0.006)
     });
     user.wait("import('/page/app.js').then(({ pathView: { store } }) => store.allows('sheet-edge'))");
-    user.evaluate("document.activeElement.blur()");
-    user.key("E");
+    if points == 1 {
+        user.tap("[role=tab]", "Zero");
+        user.tap("#panel-zero button", "Sheet edge");
+        assert!(machine.report()["state"]["sheet"].is_null(), "no point is taken before the question is answered");
+        user.tap(".dialog button", "Take the first point here");
+    } else {
+        user.evaluate("document.activeElement.blur()");
+        user.key("E");
+    }
     machine.wait("the point", |report| report["state"]["sheet"]["points"].as_u64() == Some(points));
     user.tap("#tab-path", "");
 }
