@@ -36,3 +36,28 @@ pub(crate) fn add(messages: &mut VecDeque<Message>, time_s: f64, line: u32, text
     }
     messages.push_back(Message { time_s, line, text, times });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn counted<'a>(texts: &[&'a str]) -> Vec<(&'a str, u32)> {
+        let mut messages = VecDeque::new();
+        texts.iter().for_each(|&text| add(&mut messages, 1.0, 0, text.into()));
+        let times = |message: &Message| {
+            (texts.iter().copied().find(|text| message.text == *text).expect("one of them"), message.times)
+        };
+        messages.iter().map(times).collect()
+    }
+
+    #[test]
+    fn a_fault_that_comes_again_and_again_is_one_message() {
+        assert_eq!(counted(&["one", "E1", "E2", "E1", "E2", "E1"]), [("one", 1), ("E2", 2), ("E1", 3)]);
+    }
+
+    #[test]
+    fn moves_that_are_the_same_are_counted_while_nothing_else_is_between_them() {
+        let [x, y] = ["X moved by 10.000 mm", "Y moved by 10.000 mm"];
+        assert_eq!(counted(&[x, x, y, x, x, x]), [(x, 2), (y, 1), (x, 3)]);
+    }
+}
