@@ -4,7 +4,7 @@
 
 import { closeDialog, confirm, openDialog, openDialogKey, prompt } from './dialog.js';
 import { element } from './element.js';
-import { formatLength, lengthUnit, orderNumber, parseLength } from './units.js';
+import { formatLength, formatPosition, lengthUnit, orderNumber, parseLength } from './units.js';
 
 const RETRACE_PERCENTS = [100, 50, 25, 10];
 const RAPID_PERCENTS = [100, 50, 25, 0];
@@ -36,8 +36,6 @@ const ORDERS = {
   online: 'online',
   'clear-alarm': 'reset',
   home: 'home',
-  frame: 'frame',
-  outline: 'frame outline',
 };
 
 /** Actions of the page: they move nothing, and watchers have them too. */
@@ -218,6 +216,44 @@ export class ActionTable {
         { label: 'Forget both points', run: () => this.orders.send('sheet forget') },
         { label: 'Set zero and direction', main: true, run: () => this.orders.send('sheet align') },
       ],
+    });
+  }
+
+  performFrame() {
+    const what = 'the rectangle around what is cut, along X and Y of the machine';
+    this.askFrame({ words: 'frame', title: 'Frame: the rectangle', what });
+  }
+
+  performOutline() {
+    this.askFrame({ words: 'frame outline', title: 'Frame: the outline', what: 'the outline of what is cut' });
+  }
+
+  /** Says what the tool goes round, and shows it in the drawing, before anything moves. */
+  askFrame({ words, title, what }) {
+    const { store } = this,
+      extents = store.state.cut_extents_mm;
+    const range = (letter, [low, high]) => `${letter} ${formatPosition(low)} to ${formatPosition(high)}`;
+    const [x, y] = extents ?? [];
+    let isSent = false;
+    store.showFrame(extents);
+    const send = async () => {
+      isSent = true;
+      if (!(await this.orders.send(words))) store.showFrame(null);
+    };
+    openDialog({
+      key: 'frame',
+      title,
+      isModal: false,
+      isAside: true,
+      content: [
+        element('p', { text: `The tool goes round ${what}, with the cutters off. HOLD stops it.` }),
+        extents
+          ? element('p', { class: 'cause', text: `${range('X', x)}, ${range('Y', y)} ${lengthUnit()} of the machine` })
+          : null,
+      ].filter(Boolean),
+      choices: [{ label: 'Cancel' }, { label: 'Go round', main: true, run: send }],
+      // The choice runs behind this.
+      onClose: () => setTimeout(() => isSent || store.showFrame(null)),
     });
   }
 

@@ -10,6 +10,7 @@ export class MachineStore {
     this.hello = this.state = this.live = this.log = this.control = this.path = null;
     this.link = 'opening';
     this.chosen = null;
+    this.framed = null;
     this.listeners = new Map();
   }
 
@@ -42,6 +43,12 @@ export class MachineStore {
   choose(chosen) {
     this.chosen = chosen;
     this.emit('chosen');
+  }
+
+  /** Extents in X and in Y that a frame goes round, or null. */
+  showFrame(extents) {
+    this.framed = extents;
+    this.emit('framed');
   }
 
   get isLive() {

@@ -7,6 +7,7 @@ import { PathCamera, VIEWS } from './path_camera.js';
 import { PathChunks } from './path_chunks.js';
 import { PathRenderer } from './path_renderer.js';
 import { followGestures } from './path_gestures.js';
+import { FrameLine } from './frame_line.js';
 import { PathPlacement } from './path_placement.js';
 import { nearestCut } from './path_hit.js';
 import { formatPosition } from './units.js';
@@ -41,6 +42,7 @@ export class PathView {
     this.tool = mark('tool', 'M12 2v20M2 12h20M12 5a7 7 0 1 0 0 14a7 7 0 1 0 0-14z');
     this.furthest = mark('furthest', 'M12 3l9 9-9 9-9-9z');
     this.ghost = mark('ghost', 'M12 4a8 8 0 1 0 0 16a8 8 0 1 0 0-16z');
+    this.frameLine = new FrameLine(store);
     this.note = element('p', { class: 'path-note', hidden: true });
     this.chosenText = element('p', { class: 'chosen-text', 'aria-live': 'polite' });
     // Where the list has no room beside the drawing.
@@ -49,6 +51,7 @@ export class PathView {
       'div',
       { id: 'path-view' },
       this.canvas,
+      this.frameLine.node,
       this.furthest,
       this.ghost,
       this.tool,
@@ -82,6 +85,7 @@ export class PathView {
       if (state.program.path === null && state.program.check !== 'checking') this.clearPath();
     });
     store.on('chosen', () => this.showChosen());
+    store.on('framed', () => this.requestFrame());
     contours.on(() => this.showContours());
     onSettingChange(() => {
       this.colours = pathColours();
@@ -492,6 +496,7 @@ export class PathView {
       if (!isSeen) return;
       node.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
     };
+    this.frameLine.place(mm => camera.project(this.toPath(mm)));
     put(this.tool, live ? this.toPath(this.xyz(live.mm)) : null);
     const isBack = live && live.reached - live.record > 1;
     put(this.furthest, isBack ? chunks.positionOf(live.reached) : null);

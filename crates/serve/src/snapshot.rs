@@ -45,6 +45,9 @@ pub(crate) struct StateView {
     skipped_contours: Vec<u32>,
     /// Points on the edge of the sheet, where any is taken.
     sheet: Option<SheetView>,
+    /// Extents in X and in Y of what the program cuts, in machine coordinates, where they are known: what a frame goes
+    /// round.
+    cut_extents_mm: Option<[[f64; 2]; 2]>,
     #[serde(rename = "override")]
     feed_override: f64,
     rapid_override: f64,
@@ -346,6 +349,7 @@ impl StateView {
             optional_stop: model.optional_stop,
             skipped_contours: model.contours.skipped().take(MAX_SKIPPED).collect(),
             sheet: SheetView::of(model),
+            cut_extents_mm: retrace_tui::cut_extents_mm(model).map(|of| of.map(|of| of.map(|mm| rounded(mm, 1e3)))),
             dry_run: model.dry_run,
             feed_override: rounded(model.override_rate, 1e4),
             rapid_override: rounded(model.rapid_override, 1e4),

@@ -225,6 +225,7 @@ impl KeyState {
                 | PendingQuestion::Probe
                 | PendingQuestion::WorkZero
                 | PendingQuestion::AlignSheet
+                | PendingQuestion::Frame(_)
                 | PendingQuestion::StartContour(_),
                 ..,
             ) if is_job => &OpenDialog::Nothing,
@@ -348,8 +349,6 @@ impl KeyState {
             }
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
-            KeyAction::Frame => return Some(UiCommand::Frame(FrameShape::Rectangle)),
-            KeyAction::Outline => return Some(UiCommand::Frame(FrameShape::Outline)),
             KeyAction::SheetEdge if model.sheet_points.len() < 2 => {
                 self.awaits_edge = model.sheet_points.len() == 1;
                 return Some(UiCommand::SheetPoint);
@@ -377,6 +376,8 @@ impl KeyState {
             KeyAction::Probe => ask(PendingQuestion::Probe, ""),
             KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
             KeyAction::SheetEdge => ask(PendingQuestion::AlignSheet, ""),
+            KeyAction::Frame => ask(PendingQuestion::Frame(FrameShape::Rectangle), ""),
+            KeyAction::Outline => ask(PendingQuestion::Frame(FrameShape::Outline), ""),
             KeyAction::ToolLength => ask(PendingQuestion::ToolLength, ""),
             KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
             KeyAction::TestPulse => ask(PendingQuestion::TestPulse, ""),
@@ -519,6 +520,7 @@ impl KeyState {
             // A figure is looked at more often than reset.
             (ask @ PendingQuestion::ConsumablesChanged, Key::Char('0')) => answer(ask, "", model),
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
+            (PendingQuestion::Frame(shape), Key::Char('y')) => Ok(UiCommand::Frame(shape)),
             (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
             // The key that has opened the question answers nothing.
             (PendingQuestion::AlignSheet, Key::Char('E')) => return None,

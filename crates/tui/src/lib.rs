@@ -34,6 +34,7 @@ mod event_text;
 #[cfg(test)]
 mod fake_machine;
 mod files;
+mod frame_text;
 mod geared_status;
 mod height_text;
 mod key_state;
@@ -65,6 +66,7 @@ mod work_tables;
 mod tests;
 
 pub use diagnostic_text::diagnostic_lines;
+pub use frame_text::extents_mm as cut_extents_mm;
 pub use height_text::{HeightFigures, ToolHeight};
 pub use message::Message;
 pub use model::{

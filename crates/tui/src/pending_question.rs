@@ -2,6 +2,8 @@
 //!
 //! Invariant: a question takes a text, or one key.
 
+use retrace_controller::FrameShape;
+
 /// Question of a prompt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PendingQuestion {
@@ -29,6 +31,8 @@ pub(crate) enum PendingQuestion {
     StartContour(u32),
     /// Whether to set the work coordinates by the edge of the sheet.
     AlignSheet,
+    /// Whether to trace a frame.
+    Frame(FrameShape),
     /// Whether to stop the job.
     Stop,
     /// Path of another program.

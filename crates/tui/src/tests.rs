@@ -539,9 +539,16 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
 }
 
 #[test]
-fn a_frame_is_traced_by_a_key_in_setup() {
-    let mut bench = ScreenFixture::new();
-    assert_eq!(bench.key(Key::Char('F')), Some(UiCommand::Frame(retrace_controller::FrameShape::Rectangle)));
+fn a_frame_is_traced_by_a_key_in_setup_after_saying_what_it_goes_round() {
+    use retrace_controller::FrameShape::{Outline, Rectangle};
+    for (key, shape, what) in [('F', Rectangle, "the rectangle around what is cut"), ('U', Outline, "the outline of")] {
+        let mut bench = ScreenFixture::new();
+        assert_eq!(bench.key(Key::Char(key)), None);
+        let shown = text(&bench.screen(80, 24));
+        assert!(shown.contains(what) && shown.contains("cutters off"), "{shown}");
+        assert_eq!(bench.key(Key::Char(key)), None, "the key that has asked does not answer");
+        assert_eq!((bench.key(Key::Char(key)), bench.key(Key::Char('y'))), (None, Some(UiCommand::Frame(shape))));
+    }
 }
 
 #[test]

@@ -127,3 +127,47 @@ fn the_job_is_drawn_as_it_would_lie_before_the_edge_is_set() {
         assert_eq!(after, before["live"]["mm"], "setting the edge moves nothing");
     }
 }
+
+/// A frame says what it goes round, and shows it in the drawing, before anything moves; cancelled, nothing does.
+#[test]
+fn a_frame_says_what_it_goes_round_before_anything_moves() {
+    let Some(mut browser) = browser() else { return };
+    for screen in [Screen::TABLET, Screen::PHONE] {
+        let bench = Bench::new();
+        let table = bench.file("machine.toml", MACHINE).display().to_string();
+        let server = serve(&bench, PROGRAM, &["--machine", &table]);
+        let machine = Machine::new(&server);
+        let mut user = in_control(&mut browser, &server, screen);
+        user.wait_for_word("READY");
+        user.wait("import('/page/app.js').then(({ pathView: { store } }) => store.state.cut_extents_mm !== null)");
+        let corners = |user: &mut PageUser| {
+            let shown = user.evaluate(
+                "getComputedStyle(document.querySelector('.frame-line')).display === 'none' ? 0 :
+                 document.querySelector('.frame-line polygon').getAttribute('points').split(' ').length",
+            );
+            shown.as_u64().expect("a number")
+        };
+        let before = machine.wait_for_rest()["live"]["mm"].clone();
+        user.evaluate("document.activeElement.blur()");
+        user.key("F");
+        user.wait_for_text(".dialog h2", "Frame: the rectangle");
+        user.wait_for_text(".dialog .cause", "X 30.000 to 120.000, Y 20.000 to 60.000 mm of the machine");
+        user.wait("getComputedStyle(document.querySelector('.frame-line')).display !== 'none'");
+        assert_eq!(corners(&mut user), 4);
+        user.picture(&format!("frame-{}", screen.width));
+        user.tap(".dialog button", "Cancel");
+        user.wait("getComputedStyle(document.querySelector('.frame-line')).display === 'none'");
+        assert_eq!(machine.wait_for_rest()["live"]["mm"], before, "nothing has moved");
+
+        user.evaluate("document.activeElement.blur()");
+        user.key("F");
+        user.tap(".dialog button", "Go round");
+        machine.wait("motion", |report| report["live"]["mm"] != before);
+        assert_eq!(corners(&mut user), 4, "it stays while the tool goes round");
+        machine.wait("the corner where it began", |report| {
+            let at = |axis: usize| report["live"]["mm"][axis].as_f64().unwrap_or(f64::NAN);
+            report["live"]["at_rest"] == true && (at(0) - 30.0).abs() < 0.01 && (at(1) - 20.0).abs() < 0.01
+        });
+        user.wait("getComputedStyle(document.querySelector('.frame-line')).display === 'none'");
+    }
+}

@@ -188,8 +188,8 @@ fn a_jog_is_held_to_run() {
 }
 
 /// Jogs the X axis and holds the button for 600 ms, and until the page shows that it moves. Returns where the axis was
-/// before, the number of the beats, and the answer to another jog meanwhile. `number` and the four numbers behind it are
-/// used for the messages.
+/// before, the number of the beats, and the answer to another jog meanwhile. `number` and the four numbers behind it
+/// are used for the messages.
 ///
 /// If the computer gives neither this test nor the server a processor in time, the server ends the jog for lack of
 /// beats, as it should, and the jog is repeated. If that happens each time, the jog itself is at fault.

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use proptest::prelude::*;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
-use retrace_controller::DifferingOutput;
+use retrace_controller::{DifferingOutput, FrameShape};
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -101,6 +101,7 @@ fn any_open() -> impl Strategy<Value = OpenDialog> {
             OpenDialog::ShopJobs(ShopJobMark { chosen: is_chosen.then(|| row(2, "ready").id), view })
         }),
         Just(OpenDialog::Prompt(PendingQuestion::StartContour(7), String::new(), None)),
+        Just(OpenDialog::Prompt(PendingQuestion::Frame(FrameShape::Rectangle), String::new(), None)),
         (0..300usize).prop_map(OpenDialog::Messages),
         "\\PC{0,300}".prop_map(|text| OpenDialog::Prompt(PendingQuestion::Mdi, text.clone(), Some(text))),
         Just(OpenDialog::Prompt(PendingQuestion::Stop, String::new(), None)),

@@ -10,6 +10,7 @@ use retrace_controller::ManualTask;
 
 use super::listing::message_text;
 use super::{Theme, contours, fold, pane, put_at, shop_jobs, truncate};
+use crate::frame_text;
 use crate::key_state::{KeyState, OpenDialog};
 use crate::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::model::{Pause, ScreenModel, ScreenStage};
@@ -186,6 +187,13 @@ fn prompt(
             let question = format!("The program begins at contour {number}: the cutter is lit there.");
             let lines = [question, "y begin · any other key: cancel".into()];
             draw_box(out, "begin there?", &lines, theme);
+            return;
+        }
+        PendingQuestion::Frame(shape) => {
+            let width = usize::from(out.area.width.clamp(20, 110)) - 6;
+            let lines: Vec<String> =
+                frame_text::question(model, shape).iter().flat_map(|line| fold(line, width, 0)).collect();
+            draw_box(out, "frame?", &lines, theme);
             return;
         }
         PendingQuestion::AlignSheet => {

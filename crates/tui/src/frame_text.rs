@@ -1,0 +1,31 @@
+//! What is traced by *frame*, in words, before the machine moves (CUT-59).
+//!
+//! Invariant: the extents are those of what the program cuts as it was checked last, in machine coordinates.
+
+use retrace_controller::FrameShape;
+
+use crate::model::ScreenModel;
+
+/// Extents in X and in Y of what the program cuts, mm, where they are known.
+#[must_use]
+pub fn extents_mm(model: &ScreenModel) -> Option<[[f64; 2]; 2]> {
+    let extents = model.facts.contours.as_ref()?.extents_mm?;
+    let [x, y, _] = model.facts.space();
+    let extents = [*extents.get(x?)?, *extents.get(y?)?];
+    extents.as_flattened().iter().all(|mm| mm.is_finite()).then_some(extents)
+}
+
+/// The question before a frame is traced.
+pub(crate) fn question(model: &ScreenModel, shape: FrameShape) -> Vec<String> {
+    let what = match shape {
+        FrameShape::Rectangle => "the rectangle around what is cut, along X and Y of the machine",
+        FrameShape::Outline => "the outline of what is cut",
+    };
+    let mut lines = vec![format!("The tool GOES ROUND {what}, cutters off.")];
+    if let Some([x, y]) = extents_mm(model) {
+        let place = format!("X{:.1} to X{:.1}, Y{:.1} to Y{:.1} of the machine", x[0], x[1], y[0], y[1]);
+        lines.push(format!("It lies within {place}."));
+    }
+    lines.push("y go round · Space stops it · any other key: cancel".into());
+    lines
+}
