@@ -399,6 +399,37 @@ export class ActionTable {
   }
 
   performToolLength() {
+    const choice = (label, run, extra = {}) => ({ label, run, ...extra });
+    openDialog({
+      key: 'tool-length',
+      title: 'Length of the new tool',
+      content: [
+        element('p', {
+          text:
+            'Enter its length; or jog its tip down until it touches the work, and say at which Z of the work that is. ' +
+            'Nothing moves by it: the way back and the path are shifted.',
+        }),
+      ],
+      choices: [
+        { label: 'Cancel' },
+        choice('Enter the length \u2026', () => this.enterToolLength()),
+        choice('Its tip touches Z \u2026', () => this.enterTouchedZ()),
+      ],
+    });
+  }
+
+  enterTouchedZ() {
+    prompt({
+      title: 'Z of the work that the tip touches',
+      text: `In ${lengthUnit()}: 0 at the work zero`,
+      label: 'Set',
+      value: '0',
+      check: text => (parseLength(text) === null ? 'Enter a length.' : null),
+      run: text => this.orders.send(`tool length at ${orderNumber(parseLength(text))}`),
+    });
+  }
+
+  enterToolLength() {
     prompt({
       title: 'Length of the new tool',
       text: `In ${lengthUnit()}: the length, or a difference with + or \u2212`,

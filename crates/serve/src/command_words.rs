@@ -5,7 +5,7 @@
 
 use retrace_config::NumberedError;
 use retrace_controller::{FrameShape, ManualTask, OperatorCommand, parse_operator_command};
-use retrace_tui::{ScreenModel, ScreenStage, UiCommand};
+use retrace_tui::{ScreenModel, ScreenStage, UiCommand, tool_length_touching};
 
 /// What an order does.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,6 +71,12 @@ pub(crate) fn parse(words: &str, model: &ScreenModel) -> Result<Order, NumberedE
         ("resume", job) if job.starts_with("job ") => Ok(Order::Resume(job[4..].trim().to_owned())),
         ("yes", "") => command(UiCommand::Answer(true)),
         ("no", "") => command(UiCommand::Answer(false)),
+        ("tool", rest) if rest.starts_with("length at ") => {
+            let touched = tool_length_touching(model, rest[10..].trim().parse().unwrap_or(f64::NAN));
+            let length =
+                touched.map_err(|why| NumberedError::new("E2121", why, "tool length at 0, at rest in a pause"))?;
+            command(UiCommand::Job(OperatorCommand::ToolLength(length)))
+        }
         ("wheel", "") => command(UiCommand::Job(OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 })),
         _ => command(at_stage(parse_operator_command(words)?, is_job)),
     }
@@ -135,6 +141,7 @@ pub(crate) fn starts_motion(order: &Order) -> bool {
 mod tests {
     use super::*;
     use retrace_config::MachineConfig;
+    use retrace_controller::EnteredLength;
     use retrace_core::Rate;
     use retrace_tui::ProgramFacts;
     use std::sync::Arc;
@@ -169,6 +176,15 @@ mod tests {
         assert_eq!(parsed("frame", &setup), command(UiCommand::Frame(FrameShape::Rectangle)));
         assert_eq!(parsed("sheet point", &setup), command(UiCommand::SheetPoint));
         assert_eq!(parsed("sheet align", &setup), command(UiCommand::AlignSheet));
+        let mut paused = model(ScreenStage::Job);
+        (paused.at_rest, paused.counts[2], paused.work_zero_mm[2]) = (true, 12_350, -20.0);
+        for (words, by) in [("tool length at 0", 32.35), ("tool length at -1.5", 33.85)] {
+            let length = OperatorCommand::ToolLength(EnteredLength::By(by));
+            assert_eq!(parsed(words, &paused), command(UiCommand::Job(length)));
+        }
+        assert_eq!(parse("tool length at x", &paused).expect_err("no number").number, "E2121");
+        paused.at_rest = false;
+        assert!(parse("tool length at 0", &paused).expect_err("in motion").cause.contains("stands"));
         assert_eq!(parsed("start line 120", &setup), command(UiCommand::StartLine(120)));
         for (words, pieces) in [("start job 0192-1", 1), ("start job 0192-1 3", 3)] {
             assert_eq!(parsed(words, &setup), command(UiCommand::StartShopJob { id: "0192-1".into(), pieces }));

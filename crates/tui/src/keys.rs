@@ -382,7 +382,7 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('|')], "|", "height", "height control on, off; while off, the height is held", RUN | RETRACE,
         KeyAction::HeightControl),
     row(&[Key::Char('M')], "M", "M1 stop", "optional stop (M1) on, off", SETUP | JOB, KeyAction::OptionalStop),
-    row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED,
+    row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, +0.35, at 0", PAUSED,
         KeyAction::ToolLength),
     row(&[Key::Char('n')], "n", "on line", "return to on-line mode", PAUSED, KeyAction::Online),
     row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the jog step", SETUP | PAUSED, KeyAction::Jog),

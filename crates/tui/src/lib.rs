@@ -57,6 +57,7 @@ mod shop_job_page;
 mod shop_job_table;
 mod status_hint;
 mod status_line;
+mod tool_touch;
 mod trail;
 mod ui_command;
 mod view;
@@ -85,6 +86,7 @@ pub use sheet_text::{
     travel_left as sheet_travel_left, travel_text as sheet_travel_text,
 };
 pub use shop_job_table::{ShopJobRow, ShopJobTable};
+pub use tool_touch::length_touching as tool_length_touching;
 pub use trail::{Trail, TrailPoint};
 pub use ui_command::UiCommand;
 pub use work_tables::{TableChange, WORK_SYSTEMS, WorkSystem, WorkTables};

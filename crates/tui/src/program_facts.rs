@@ -139,6 +139,8 @@ pub struct ProgramFacts {
     pub height: Option<HeightFacts>,
     /// Index of the axis whose layer is added to its path, on a machine that senses the sheet.
     pub layer_axis: Option<usize>,
+    /// Index of the tool axis.
+    pub tool_axis: Option<usize>,
     /// Tool table.
     pub tools: Vec<ToolFacts>,
     /// Comments of the tool table, by tool number.
@@ -168,6 +170,7 @@ impl ProgramFacts {
                 .height_control()
                 .map(|of| HeightFacts { volts: of.volts_input().cloned(), is_external: of.is_external() }),
             period_s: machine.period_s(),
+            tool_axis: machine.tool_axis(),
             program: Text::new(name, text),
             start_position_mm: machine.stands_at_mm.clone(),
             cutters: machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(cutter_facts).collect(),

@@ -7,6 +7,7 @@ use retrace_controller::{EnteredLength, LeadShape, ManualTask, OperatorCommand};
 use crate::files;
 use crate::model::{ScreenModel, ScreenStage};
 use crate::pending_question::PendingQuestion;
+use crate::tool_touch;
 use crate::ui_command::UiCommand;
 
 /// Command of a prompt's answer, or the error in it.
@@ -36,11 +37,15 @@ pub(crate) fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> R
                 _ => Err("enter all or an axis letter".into()),
             }
         }
+        PendingQuestion::ToolLength if text.starts_with("at ") => {
+            let at_mm = text[3..].trim().parse().unwrap_or(f64::NAN);
+            tool_touch::length_touching(model, at_mm).map(tool_length)
+        }
         // With a sign it is the difference to the old tool.
         PendingQuestion::ToolLength => match text.parse::<f64>() {
             Ok(mm) if mm.abs() <= 10_000.0 && text.starts_with(['+', '-']) => Ok(tool_length(EnteredLength::By(mm))),
             Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
-            _ => Err("enter a length in mm such as 84.2, or a difference such as +0.35".into()),
+            _ => Err("enter a length in mm such as 84.2, a difference such as +0.35, or at 0".into()),
         },
         PendingQuestion::Stop => Ok(UiCommand::Job(OperatorCommand::Stop)),
         PendingQuestion::TestPulse if model.stage == ScreenStage::Job => Ok(UiCommand::Job(OperatorCommand::TestPulse)),

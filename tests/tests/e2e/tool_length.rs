@@ -2,8 +2,10 @@
 //! program sets another one.
 
 use std::fs;
+use std::time::Duration;
 
 use retrace_tests::command::Bench;
+use retrace_tests::page_client::{Page, PageServer};
 use retrace_tests::records::Records;
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -275,4 +277,39 @@ fn a_resumed_job_goes_no_further_back_than_the_soft_limits() {
         z
     });
     assert!(highest.max().is_some_and(|z| (19_900..=20_000).contains(&z)), "{}", result.err);
+}
+
+/// Without a probe: the operator jogs the tip of the new tool down to the work and says which Z that is (PRB-21). The
+/// path from the breakpoint on is shifted by as much as the new tool is longer; nothing moves by the entry.
+#[test]
+fn a_tool_is_touched_off_by_eye_in_a_pause() {
+    let bench = Bench::new();
+    let tools = bench.file("tools.tbl", TOOLS).display().to_string();
+    let (_server, mut page) = PageServer::in_control(&bench, SQUARE, &["--tools", &tools]);
+    let done = |answer: Value| assert_eq!(answer["t"], "done", "{answer}");
+    done(page.order("cycle start"));
+    page.wait_until("the long cut", |page| page.machine_mm(0) > 15.0);
+    // Tool 1 is 10 mm long: at Z-2 the machine is at Z8.
+    let cutting_mm = page.machine_mm(2);
+    done(page.order("pause"));
+    page.wait_until("the pause", |page| page.last("state")["word"] == "PAUSED" && page.last("live")["at_rest"] == true);
+    done(page.order("spindle stop"));
+    page.wait_until("the spindle", |page| page.last("state")["pause"]["stopped"] == true);
+    done(page.order("jog z 3.5"));
+    page.wait_until("up", |page| {
+        page.last("live")["at_rest"] == true && (page.machine_mm(2) - cutting_mm - 3.5).abs() < 0.01
+    });
+    let work = |page: &Page| page.last("live")["work"][2].as_f64().expect("a position");
+    assert!((work(&page) - 1.5).abs() < 0.01, "with the old tool: {}", work(&page));
+    // The tip of the new one touches the surface at Z0: it is 1.5 mm longer.
+    done(page.order("tool length at 0"));
+    page.wait_until("the length", |page| work(page).abs() < 0.01);
+    assert!((page.machine_mm(2) - cutting_mm - 3.5).abs() < 0.01, "nothing has moved");
+    for order in ["spindle start", "online", "cycle start"] {
+        done(page.order_when_free(order));
+        page.listen(Duration::from_millis(300));
+    }
+    page.wait_until("the cut again", |page| page.last("state")["word"] == "RUNNING" && page.machine_mm(0) > 40.0);
+    assert!((page.machine_mm(2) - cutting_mm - 1.5).abs() < 0.01, "{} {cutting_mm}", page.machine_mm(2));
+    page.wait_for_word("ENDED");
 }

@@ -177,7 +177,7 @@ fn prompt(
         PendingQuestion::WorkZero => ("work zero", "Set the zero here for this axis, or all:", "Enter OK · Esc cancel"),
         PendingQuestion::ToolLength => (
             "tool length",
-            "Length of the new tool in mm; with + or -, the difference:",
+            "Length in mm; with + or -, the difference; at 0: its tip touches Z0 of the work:",
             "Enter OK, moves breakpoint and path · Esc cancel",
         ),
         PendingQuestion::Program => {
