@@ -196,6 +196,7 @@ fn assert_documented(arguments: &[OsString], out: &str) {
             (command @ ("machine" | "card"), _) => page.check_section(&format!("{command} {}", arguments[1]), &object),
             ("shop", _) => page.check_section(&format!("shop {}", arguments[1]), &object),
             ("jobs", _) if arguments.contains(&"show") => page.check_section("jobs show", &object),
+            ("doctor", _) if arguments.contains(&"--step-test") => page.check_section("doctor --step-test", &object),
             (command @ ("check" | "jobs" | "doctor" | "consumables"), _) => page.check_section(command, &object),
             _ => page.check_event(&object),
         };

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_serial::Pty;
-use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, PlantSettings, faults};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, PlantSettings, StepWire, faults};
 use retrace_link::{Alarm, CardFailure, PathStart};
 use serde_json::{Value, json};
 
@@ -93,6 +93,7 @@ fn build_simulator<const A: usize>(
     let [up, down] = faults(spec).map_err(|why| serve_error(format!("--faults {spec}: {why}"), "use one of these"))?;
     let plant = PlantSettings {
         work: parsed_work(args.work.work.as_deref(), machine)?,
+        step_wire: args.step_wire.map(|letter| step_wire(machine, letter)).transpose()?,
         ..hung_on::<A>(machine, &parsed_source_faults(args.source.source_faults.as_deref())?)
     };
     let settings = CardSimulatorSettings { up, down, machine: plant, serial: SERIAL, boot: linked_card::nonce() };
@@ -105,6 +106,14 @@ fn build_simulator<const A: usize>(
         rig.trace(Box::new(BufWriter::with_capacity(1 << 20, file)), &names).map_err(named)?;
     }
     Ok(rig)
+}
+
+/// A wire from the step output of an axis to the first analog input.
+fn step_wire(machine: &MachineConfig, letter: char) -> Result<StepWire, NumberedError> {
+    let axis = machine.axis_of(letter).and_then(|axis| u8::try_from(axis).ok());
+    let axis =
+        axis.ok_or_else(|| serve_error(format!("--step-wire {letter}: no such axis"), "an axis of the machine"))?;
+    Ok(StepWire { axis, input: 0 })
 }
 
 /// Creates the symbolic link to the pseudo-terminal. Only a link is replaced.

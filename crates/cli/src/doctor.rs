@@ -1,8 +1,8 @@
 //! `retrace doctor`: measures how fast this computer and the line to a card respond, and whether a machine's control
 //! period suits them.
 //!
-//! Invariant: nothing moves and nothing is changed. Time in which the computer itself was suspended is listed, not
-//! averaged.
+//! Invariant: nothing moves and nothing is changed, but in a step test. Time in which the computer itself was suspended
+//! is listed, not averaged.
 
 use retrace_core::RecordIndex;
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use crate::command_failure::CommandFailure;
 use crate::linked_card;
-use crate::{args, files};
+use crate::{args, files, step_test};
 
 /// Upper bounds of the histogram's classes, in microseconds; the last class has none.
 const CLASSES_US: [u64; 12] = [10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000, 20_000, 50_000];
@@ -90,6 +90,9 @@ struct LineMeasurement {
 /// The machine file has errors, or the card fails.
 pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
     let machine = files::machine(args.machine_file.path())?;
+    if let (Some(letter), Some(port)) = (args.step_test, &args.port) {
+        return step_test::run(port, &machine, letter, (args.yes, args.format.json));
+    }
     let permitted = retrace_real_time::permitted();
     let seconds = args.seconds.clamp(0.1, 86_400.0);
     let stolen = steal_ticks();

@@ -81,6 +81,7 @@ mod state_socket;
 #[cfg(not(unix))]
 #[path = "state_socket_elsewhere.rs"]
 mod state_socket;
+mod step_test;
 mod stop_signals;
 mod subprogram_folders;
 mod table_files;

@@ -283,7 +283,8 @@ pub fn confirm_at_terminal() -> Result<bool, NumberedError> {
     Ok(ask_yes_or_no("resume there? [y/N] "))
 }
 
-fn ask_yes_or_no(question: &str) -> bool {
+/// Asks on the terminal; anything but *y* is no.
+pub fn ask_yes_or_no(question: &str) -> bool {
     eprint!("{question}");
     let _ = io::stderr().flush();
     let mut answer = String::new();

@@ -134,6 +134,11 @@ impl AxisConfig {
         self.jog_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 2.0)
     }
 
+    /// Changes the speed of manual moves, at most to the highest speed of the axis.
+    pub fn set_jog_mm_s(&mut self, mm_per_s: f64) {
+        self.jog_mm_per_s = Some(mm_per_s.min(self.max_velocity_mm_per_s));
+    }
+
     /// Homing of the axis. None where it has no switch.
     ///
     /// # Errors

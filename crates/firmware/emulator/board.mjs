@@ -176,6 +176,14 @@ export class Board {
     this.wave = { pin: this.mcu.gpio[pin], half, next: this.cycles + half, level: false };
   }
 
+  /** Wires an output to an input. */
+  wire(output, input) {
+    const { gpio } = this.mcu;
+    const follow = () => gpio[input].setInputValue(gpio[output].value === 1);
+    gpio[output].addListener(follow);
+    follow();
+  }
+
   /** Makes the edges that are due. */
   driveWave(end) {
     const { wave } = this;

@@ -8,7 +8,8 @@
 //
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
-// RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave.
+// RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave; RETRACE_STEP_WIRE is
+// the number of an axis whose step output is wired to it.
 //
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
@@ -28,6 +29,7 @@ const BYTE = 1250;
 const SLICE = 12500;
 const AFTER_EVENT = 62_500_000;
 const SPINDLE = 14;
+const [FIRST_STEP_PIN, FREQUENCY_PIN] = [2, 21];
 const INPUTS = [16, 17, 18, 19, 20, 21, 27, 28];
 const GOES_ON = ['unplug', 'kill'];
 
@@ -36,7 +38,8 @@ const scope = new Scope(board);
 const uart = board.mcu.uart[0];
 // open contacts: the pull-ups hold them high
 for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
-if (process.env.RETRACE_WAVE_HZ) board.startWave(21, +process.env.RETRACE_WAVE_HZ);
+if (process.env.RETRACE_WAVE_HZ) board.startWave(FREQUENCY_PIN, +process.env.RETRACE_WAVE_HZ);
+if (process.env.RETRACE_STEP_WIRE) board.wire(FIRST_STEP_PIN + +process.env.RETRACE_STEP_WIRE, FREQUENCY_PIN);
 
 const toCard = [];
 const fromCard = [];

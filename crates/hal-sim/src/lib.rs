@@ -30,6 +30,7 @@ mod random;
 mod serial_channel;
 mod sim_card;
 mod spindle_plant;
+mod step_wire;
 mod trace;
 mod vcd;
 
@@ -49,5 +50,6 @@ pub use random::{Chance, Random};
 pub use serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
 pub use sim_card::{SimCard, SimCardError};
 pub use spindle_plant::{SpindlePlant, SpindleSimulation};
+pub use step_wire::StepWire;
 pub use trace::Trace;
 pub use vcd::{Signal, Vcd};

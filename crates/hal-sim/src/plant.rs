@@ -10,6 +10,7 @@ use crate::cutting_source::{CuttingSource, SourceSettings};
 use crate::probed_work::{ProbeContact, ProbedWork};
 use crate::random::{Chance, Random};
 use crate::spindle_plant::{SpindlePlant, SpindleSimulation};
+use crate::step_wire::{StepMeter, StepWire};
 
 /// A switch that an axis actuates: active from a position on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,6 +85,8 @@ pub struct PlantSettings {
     pub work: Option<ProbedWork>,
     /// A spindle with an encoder.
     pub spindle: Option<SpindleSimulation>,
+    /// A wire from a step output to an input that measures a frequency.
+    pub step_wire: Option<StepWire>,
     /// Changes of inputs, in the order of time: doors, emergency stops.
     pub events: Vec<InputEvent>,
     /// Inputs whose level is low while the device on them is active, one bit each.
@@ -201,6 +204,7 @@ pub struct Plant<const A: usize> {
     warped: WarpedSheet,
     probe: Option<ProbeContact>,
     spindle: Option<SpindlePlant>,
+    step_meter: Option<StepMeter>,
     events: std::collections::VecDeque<InputEvent>,
     random: Random,
     active: u16,
@@ -238,6 +242,7 @@ impl<const A: usize> Plant<A> {
             warped: settings.warped,
             probe: settings.work.as_ref().map(ProbeContact::new),
             spindle: settings.spindle.map(SpindlePlant::new),
+            step_meter: settings.step_wire.map(StepMeter::new),
             events: events.into(),
             random: Random::new(settings.seed),
             active,
@@ -286,6 +291,9 @@ impl<const A: usize> Plant<A> {
             {
                 *input = Some(reading);
             }
+        }
+        if let Some((number, reading)) = self.step_meter.as_mut().and_then(|meter| meter.advance(now_us, pulses)) {
+            self.set_analog_input(number, reading);
         }
         let mut probe_change = None;
         if let Some(probe) = &mut self.probe {

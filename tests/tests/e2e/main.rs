@@ -69,6 +69,7 @@ mod start_points;
 #[cfg(unix)]
 mod state_files;
 mod state_socket;
+mod step_test;
 mod stop_signals;
 mod streams;
 mod surface_speed;

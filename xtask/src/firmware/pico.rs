@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::build::{Board, Build};
-use super::pico_emulator::{self, Line, PicoEmulator};
+use super::pico_emulator::{self, AtFrequencyInput, Line, PicoEmulator};
 use super::sections::Budget;
 use super::test::job;
 use crate::suite;
@@ -40,7 +40,7 @@ impl Rig {
     /// # Errors
     /// It does not start.
     pub(super) fn start(&self, root: &Path, line: Line, event: Option<(&str, u32)>) -> Result<PicoEmulator, String> {
-        PicoEmulator::start(root, &self.image, line, event, None)
+        PicoEmulator::start(root, &self.image, line, event, AtFrequencyInput::Nothing)
     }
 
     /// A command whose last argument is the emulator's line.
@@ -107,7 +107,7 @@ const DEVIATION: f64 = 480.0;
 pub(super) fn frequency(root: &Path) -> Result<bool, String> {
     let rig = Rig::build(root)?;
     for hz in FREQUENCIES_HZ {
-        let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, Some(hz))?;
+        let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtFrequencyInput::WaveHz(hz))?;
         let mut command = rig.command(root, &["run", FREQUENCY_PROGRAM, "--card"], &emulator);
         let report = job(command.args(["--machine", MACHINE]))?;
         let _ = emulator.finish()?;
@@ -118,6 +118,20 @@ pub(super) fn frequency(root: &Path) -> Result<bool, String> {
         }
     }
     Ok(true)
+}
+
+/// The step output of an axis, wired to the frequency input: what the owner of a board can do without an instrument.
+pub(super) fn step_test(root: &Path) -> Result<bool, String> {
+    let rig = Rig::build(root)?;
+    let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtFrequencyInput::StepsOf(0))?;
+    let mut command = rig.command(root, &["doctor"], &emulator);
+    command.args(["--machine", MACHINE, "--step-test", "x", "--yes", "--json"]);
+    let output = command.output().map_err(|error| format!("the command cannot be run: {error}"))?;
+    let _ = emulator.finish()?;
+    let found: Value = serde_json::from_slice(&output.stdout)
+        .map_err(|_| format!("the step test: {}", String::from_utf8_lossy(&output.stderr)))?;
+    println!("step test of the Pico: {found}");
+    Ok(found["step_test"]["passed"] == true)
 }
 
 fn count(found: &Value, name: &str) -> u64 {

@@ -64,6 +64,16 @@ pub(super) enum EventState {
     Over,
 }
 
+/// What is connected to input 5, whose frequency the card measures.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum AtFrequencyInput {
+    Nothing,
+    /// A square wave.
+    WaveHz(u32),
+    /// The step output of an axis.
+    StepsOf(u8),
+}
+
 /// The programs of the emulator: node, and the folder of rp2040js.
 ///
 /// # Errors
@@ -78,8 +88,7 @@ pub(super) fn can_emulate(root: &Path) -> Result<(PathBuf, PathBuf), String> {
 }
 
 impl PicoEmulator {
-    /// Starts the image; `event` happens after so many pulses, as the script describes, and input 5 is driven with a
-    /// square wave of `wave_hz`.
+    /// Starts the image; `event` happens after so many pulses, as the script describes.
     ///
     /// # Errors
     /// The emulator is not installed or does not start, or there is no pseudo-terminal.
@@ -88,14 +97,16 @@ impl PicoEmulator {
         image: &Path,
         line: Line,
         event: Option<(&str, u32)>,
-        wave_hz: Option<u32>,
+        at_input: AtFrequencyInput,
     ) -> Result<Self, String> {
         let (node, rp2040js) = can_emulate(root)?;
         let mut command = Command::new(node);
         command.arg(root.join(SCRIPT)).arg(image).arg(line.name()).env("RETRACE_RP2040JS", rp2040js);
-        if let Some(hz) = wave_hz {
-            command.env("RETRACE_WAVE_HZ", hz.to_string());
-        }
+        match at_input {
+            AtFrequencyInput::Nothing => &mut command,
+            AtFrequencyInput::WaveHz(hz) => command.env("RETRACE_WAVE_HZ", hz.to_string()),
+            AtFrequencyInput::StepsOf(axis) => command.env("RETRACE_STEP_WIRE", axis.to_string()),
+        };
         if let Some((name, pulses)) = event {
             command.args([name, &pulses.to_string()]);
         }

@@ -49,13 +49,13 @@ const UNIT_TESTS_RP2350: [&str; 7] = ["test", "--locked", "--lib", "--quiet", "-
 type Check<'a> = (&'a str, Result<(), String>, &'a (dyn Fn(&Path) -> Result<bool, String> + Sync));
 
 /// Number of the last checks that are run two at a time: each emulates a Pico, in one thread and in time of its own.
-const EMULATED: usize = 4;
+const EMULATED: usize = 5;
 
 pub(super) fn run(root: &Path) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 10] = [
+    let checks: [Check; 11] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
@@ -64,6 +64,7 @@ pub(super) fn run(root: &Path) -> Verdict {
         ("emulation", qemu, &emulation),
         ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
         ("frequency at an input of the Pico", rp2040js.clone(), &pico::frequency),
+        ("step test of the Pico", rp2040js.clone(), &pico::step_test),
         ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),
         ("pins of the Pico against the simulator", rp2040js, &pico::comparison),
     ];

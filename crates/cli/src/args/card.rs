@@ -72,6 +72,10 @@ pub struct Serve {
     pub source: SimulatedSource,
     #[command(flatten)]
     pub work: SimulatedWork,
+    /// Axis whose step output is wired to analog input 0, which measures its frequency: for `retrace doctor
+    /// --step-test`.
+    #[arg(long, value_name = "AXIS")]
+    pub step_wire: Option<char>,
     /// Speed of simulated time relative to wall time: 0.01 to 100.
     #[arg(long, value_name = "N", default_value_t = 1.0)]
     pub speed: f64,
