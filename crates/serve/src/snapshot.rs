@@ -3,7 +3,7 @@
 //! Invariant: a figure that is not known is `null`, never 0. The number of the state grows exactly where something has
 //! changed that an operator must have seen before he starts motion.
 
-use retrace_controller::SheetPlacement;
+use retrace_controller::{CutterState, SheetPlacement};
 use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
@@ -471,7 +471,9 @@ fn cutter(model: &ScreenModel) -> Option<CutterView> {
     let state_name = state(shown.fire).map_or("off", |(state, _)| state.name());
     // The reason of the last time says nothing while it is on.
     let is_off = !matches!(state_name, "igniting" | "piercing" | "cutting" | "ending" | "test");
-    let contour = model.contours.current().map(|(number, _)| number);
+    let is_starting = |state| matches!(state, CutterState::Sensing | CutterState::Igniting | CutterState::Piercing);
+    let started = state(shown.fire).filter(|&(state, number)| is_starting(state) && number > 0);
+    let contour = model.contours.current().map(|(number, _)| number).or(started.map(|(_, number)| number));
     Some(CutterView {
         name: shown.name.clone(),
         state: state_name,
@@ -560,4 +562,27 @@ fn rounded(value: f64, per_unit: f64) -> f64 {
 /// Whether the path is being retraced, by keys that were pressed or by the handwheel.
 pub(crate) fn is_retracing(model: &ScreenModel) -> bool {
     model.stage == ScreenStage::Job && !matches!(model.mode, Mode::Run | Mode::AwaitOutputs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_config::MachineConfig;
+    use retrace_tui::ProgramFacts;
+    use std::sync::Arc;
+
+    #[test]
+    fn a_cutter_that_is_being_started_is_at_its_next_contour() {
+        let machine = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n";
+        let machine = MachineConfig::parse(machine, "test").expect("valid");
+        let mut model = ScreenModel::new(Arc::new(ProgramFacts::of(&machine, "part.ngc", "M2\n")));
+        let mut contour_while = |state| {
+            model.cutter_states.insert(64, (state, 3));
+            cutter(&model).expect("a cutter").contour
+        };
+        for state in [CutterState::Sensing, CutterState::Igniting, CutterState::Piercing] {
+            assert_eq!(contour_while(state), Some(3), "{state:?}");
+        }
+        assert_eq!(contour_while(CutterState::Off), None, "it is at none, and was at none");
+    }
 }
