@@ -130,5 +130,7 @@ export class MotionKeys {
       setText(hint, this.actions.keyText(id));
     }
     setOff(this.stop, !this.actions.isPossible('quit'));
+    // At the end of the program there is nothing left to stop: it only releases the job.
+    this.stop.classList.toggle('calm', state?.hold_reason === 'end of program');
   }
 }

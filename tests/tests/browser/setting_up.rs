@@ -267,6 +267,8 @@ fn a_program_is_uploaded_and_loaded_and_its_markup_is_text() {
     user.wait_for_text("#panel-program .listing", HOSTILE);
     user.tap(".motion.start", "");
     user.wait_for_word("ENDED");
+    let stop = user.evaluate("document.querySelector('.motion.stop').className");
+    assert!(stop.as_str().is_some_and(|class| class.contains("calm")), "nothing is left to stop: {stop}");
     user.tap("[role=tab]", "Log");
     user.wait_for_text("#panel-log .log", HOSTILE);
     user.picture("hostile");
