@@ -10,7 +10,14 @@ use crate::model::ScreenModel;
 pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
     let lost = model.lost_cutter.map(|channel| format!("{} went out", model.facts.output_name(channel)));
     let what = lost.unwrap_or_else(|| "the cut ends".into());
-    format!("{what} in line {line}; k goes back, FIRES and cuts on; c asks, and fires here")
+    let mut run_ins =
+        model.facts.cutters.iter().filter(|cutter| model.lost_cutter.is_none_or(|lost| lost == cutter.fire));
+    let back = match (run_ins.next(), run_ins.next()) {
+        (Some(cutter), None) => format!("goes back to {} mm before", cutter.run_in_mm),
+        // It is not known which one was cutting.
+        _ => "goes back".into(),
+    };
+    format!("{what} in line {line}; k {back}, FIRES and cuts on; c asks, and fires here")
 }
 
 /// What a cutter does that is being started.
@@ -60,4 +67,29 @@ pub(crate) fn progress_text(model: &ScreenModel) -> Option<String> {
 /// A length in mm with one decimal.
 fn tenths(mm: f64) -> String {
     format!("{mm:.1}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ProgramFacts;
+    use retrace_config::MachineConfig;
+    use std::sync::Arc;
+
+    #[test]
+    fn how_far_a_recovery_goes_back_is_said_before() {
+        let torch = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nrestart = { overlap_mm = 3 }\n";
+        let second = "[[cutter]]\nname = \"second\"\nkind = \"torch\"\nfire = 1\n";
+        let text = |machine: &str, lost| {
+            let machine = MachineConfig::parse(machine, "test").expect("valid");
+            let mut model = ScreenModel::new(Arc::new(ProgramFacts::of(&machine, "part.ngc", "M2\n")));
+            model.lost_cutter = lost;
+            interrupted_text(&model, 13)
+        };
+        assert!(text(torch, Some(64)).contains("; k goes back to 3 mm before, FIRES and cuts on"));
+        assert!(text(torch, None).contains("; k goes back to 3 mm before, FIRES and cuts on"));
+        let both = format!("{torch}{second}");
+        assert!(text(&both, Some(64)).contains("; k goes back to 3 mm before,"));
+        assert!(text(&both, None).contains("; k goes back, FIRES"), "it is not known which one was cutting");
+    }
 }

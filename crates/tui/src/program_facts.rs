@@ -46,7 +46,7 @@ pub struct ToolFacts {
 }
 
 /// Cutter as the screen shows it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CutterFacts {
     /// Name.
     pub name: String,
@@ -56,6 +56,8 @@ pub struct CutterFacts {
     pub channels: Vec<u8>,
     /// Input that proves it, if it has one.
     pub ok_input: Option<u8>,
+    /// Length before the end of an interrupted cut from which it is continued, mm.
+    pub run_in_mm: f64,
 }
 
 /// Duration of all motion of a program, from the plan itself.
@@ -227,6 +229,7 @@ fn cutter_facts(cutter: &CutterConfig) -> CutterFacts {
         fire: cutter.fire,
         channels,
         ok_input: cutter.proof.map(|proof| proof.input),
+        run_in_mm: cutter.run_in_mm(),
     }
 }
 

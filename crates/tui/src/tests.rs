@@ -322,7 +322,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     });
     set(Mode::Run, HoldReason::Hold, true);
     says("CUT INTERRUPTED");
-    says(" torch went out in line 13; k goes back, FIRES and cuts on");
+    says(" torch went out in line 13; k goes back to 1 mm before, FIRES and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));
     says("operator: recover the cut");
     set(Mode::Reverse, HoldReason::None, false);
@@ -350,7 +350,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
         latest: RecordIndex::default(),
     });
     set(Mode::Run, HoldReason::Hold, true);
-    says(" the cut ends in line 14; k goes back, FIRES and cuts on");
+    says(" the cut ends in line 14; k goes back to 1 mm before, FIRES and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));
     event(EventKind::Operator(OperatorCommand::Reverse(Rate::ONE)));
     set(Mode::Reverse, HoldReason::None, false);
