@@ -232,6 +232,8 @@ export class ActionTable {
   askFrame({ words, title, what }) {
     const { store } = this,
       extents = store.state.cut_extents_mm;
+    // It is refused then, which says why.
+    if (store.state.sheet) return this.orders.send(words);
     const range = (letter, [low, high]) => `${letter} ${formatPosition(low)} to ${formatPosition(high)}`;
     const [x, y] = extents ?? [];
     let isSent = false;

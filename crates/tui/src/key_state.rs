@@ -348,6 +348,9 @@ impl KeyState {
                 return Some(UiCommand::CloseRefusal);
             }
             KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
+            // It is refused then, which says why.
+            KeyAction::Frame if !model.sheet_points.is_empty() => return Some(UiCommand::Frame(FrameShape::Rectangle)),
+            KeyAction::Outline if !model.sheet_points.is_empty() => return Some(UiCommand::Frame(FrameShape::Outline)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
             KeyAction::SheetEdge if model.sheet_points.len() < 2 => {
                 self.awaits_edge = model.sheet_points.len() == 1;
