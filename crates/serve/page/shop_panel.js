@@ -9,7 +9,7 @@ import { closeDialog, openDialog, openDialogKey } from './dialog.js';
 /** How often the list is read while it is shown. */
 const REFRESH_MS = 1000;
 const DIALOG = 'shop-start';
-const COLUMNS = ['', 'state', 'program', 'pieces', 'check', 'from', 'material', 'note'];
+const COLUMNS = ['', 'state', 'program', 'pieces', 'check', 'order', 'from', 'material', 'note'];
 
 /** Jobs of the shop. */
 export class ShopPanel {
@@ -79,6 +79,8 @@ export class ShopPanel {
   }
 
   showRows(jobs) {
+    // a shop without order numbers needs no column for them
+    const columns = COLUMNS.filter(name => name !== 'order' || jobs.some(job => job.order_number));
     const hadFocus = this.table.contains(document.activeElement) && document.activeElement !== this.table;
     setChildren(
       this.table,
@@ -93,16 +95,16 @@ export class ShopPanel {
               element(
                 'tr',
                 {},
-                ...COLUMNS.map(name => (name ? element('th', { scope: 'col', class: name, text: name }) : element('td'))),
+                ...columns.map(name => (name ? element('th', { scope: 'col', class: name, text: name }) : element('td'))),
               ),
             ),
-            element('tbody', {}, ...jobs.map(job => this.row(job))),
+            element('tbody', {}, ...jobs.map(job => this.row(job, columns))),
           ),
     );
     if (hadFocus) this.table.querySelector('[aria-pressed=true]')?.focus({ preventScroll: true });
   }
 
-  row(job) {
+  row(job, columns) {
     const isChosen = job.id === this.chosen;
     const cell = (name, text) => element('td', { class: name, text });
     const name = button(
@@ -121,6 +123,7 @@ export class ShopPanel {
       element('td', { class: 'program' }, name),
       cell('pieces', `${job.good}/${job.quantity}`),
       cell('check', job.check),
+      columns.includes('order') ? cell('order', job.order_number) : null,
       cell('from', job.submitter),
       cell('material', job.material),
       cell('note', job.note),

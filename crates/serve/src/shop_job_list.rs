@@ -27,6 +27,7 @@ pub(crate) struct ShopJobList {
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 struct ShopJobView {
+    /// Place in the list, from 1.
     order: usize,
     id: String,
     state: &'static str,
@@ -39,6 +40,8 @@ struct ShopJobView {
     most_pieces: u32,
     check: String,
     submitter: String,
+    /// Number of the office's order; may be empty.
+    order_number: String,
     note: String,
     material: String,
     /// What the operator should know before a start.
@@ -62,6 +65,7 @@ impl ShopJobList {
             most_pieces: row.most_pieces,
             check: row.check.clone(),
             submitter: row.submitter.clone(),
+            order_number: row.order_number.clone(),
             note: row.note.clone(),
             material: row.material.clone(),
             warnings: row.warnings.clone(),

@@ -210,6 +210,7 @@ impl FolderWatch {
             target: JobTarget::Machine(self.config.machine.clone()),
             quantity: 1,
             may_repeat: false,
+            order_number: String::new(),
             note: String::new(),
             material: String::new(),
             submitter: format!("folder {}", folder_text(&self.config.path)),

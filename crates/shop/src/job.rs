@@ -14,7 +14,7 @@ use crate::machine_name::MachineName;
 
 /// Maximum number of pieces of a job.
 const MAX_QUANTITY: u32 = 100_000;
-/// Maximum length of note, material and submitter, in bytes.
+/// Maximum length of order number, note, material and submitter, in bytes.
 const MAX_TEXT_BYTES: usize = 1000;
 
 /// A job as it was submitted (SHP-8).
@@ -31,6 +31,8 @@ pub struct ShopJob {
     pub quantity: u32,
     /// Whether the operator may start several pieces at once, one after the other (SHP-15).
     pub may_repeat: bool,
+    /// Number of the office's order, as text; may be empty.
+    pub order_number: String,
     /// Text for the operator; may be empty.
     pub note: String,
     /// The material, as text; may be empty.
@@ -76,6 +78,8 @@ struct ShopJobText {
     #[serde(default, skip_serializing_if = "is_false")]
     may_repeat: bool,
     #[serde(default, skip_serializing_if = "String::is_empty")]
+    order_number: String,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     note: String,
     #[serde(default, skip_serializing_if = "String::is_empty")]
     material: String,
@@ -99,10 +103,21 @@ impl TryFrom<ShopJobText> for ShopJob {
             (None, Some(name)) => JobTarget::Group(name),
             _ => return Err("a job is for a machine or for a group"),
         };
-        let ShopJobText {
-            id, bundle, quantity, may_repeat, note, material, submitter, machine_file, submitted, ..
-        } = text;
-        Ok(Self { id, bundle, target, quantity, may_repeat, note, material, submitter, machine_file, submitted })
+        let ShopJobText { id, bundle, quantity, may_repeat, order_number, .. } = text;
+        let ShopJobText { note, material, submitter, machine_file, submitted, .. } = text;
+        Ok(Self {
+            id,
+            bundle,
+            target,
+            quantity,
+            may_repeat,
+            order_number,
+            note,
+            material,
+            submitter,
+            machine_file,
+            submitted,
+        })
     }
 }
 
@@ -112,8 +127,22 @@ impl From<ShopJob> for ShopJobText {
             JobTarget::Machine(name) => (Some(name), None),
             JobTarget::Group(name) => (None, Some(name)),
         };
-        let ShopJob { id, bundle, quantity, may_repeat, note, material, submitter, machine_file, submitted, .. } = job;
-        Self { id, bundle, machine, group, quantity, may_repeat, note, material, submitter, machine_file, submitted }
+        let ShopJob { id, bundle, quantity, may_repeat, order_number, .. } = job;
+        let ShopJob { note, material, submitter, machine_file, submitted, .. } = job;
+        Self {
+            id,
+            bundle,
+            machine,
+            group,
+            quantity,
+            may_repeat,
+            order_number,
+            note,
+            material,
+            submitter,
+            machine_file,
+            submitted,
+        }
     }
 }
 
@@ -137,7 +166,13 @@ impl ShopJob {
         if !(1..=MAX_QUANTITY).contains(&self.quantity) {
             return refuse(format!("a job has 1 to {MAX_QUANTITY} pieces, not {}", self.quantity));
         }
-        for (name, text) in [("note", &self.note), ("material", &self.material), ("submitter", &self.submitter)] {
+        let texts = [
+            ("order number", &self.order_number),
+            ("note", &self.note),
+            ("material", &self.material),
+            ("submitter", &self.submitter),
+        ];
+        for (name, text) in texts {
             if text.len() > MAX_TEXT_BYTES || text.chars().any(char::is_control) {
                 return refuse(format!(
                     "the {name} of a job is one line of at most {MAX_TEXT_BYTES} bytes without control characters"
@@ -160,6 +195,7 @@ pub(crate) mod tests {
             target: JobTarget::Machine(MachineName::local()),
             quantity: 1,
             may_repeat: false,
+            order_number: String::new(),
             note: String::new(),
             material: String::new(),
             submitter: "ann".into(),
@@ -184,11 +220,26 @@ pub(crate) mod tests {
         for bad in [
             ShopJob { quantity: 0, ..good.clone() },
             ShopJob { quantity: MAX_QUANTITY + 1, ..good.clone() },
+            ShopJob { order_number: "4711\r".into(), ..good.clone() },
             ShopJob { note: "x".repeat(1001), ..good.clone() },
             ShopJob { material: "a\u{1b}[2J".into(), ..good.clone() },
             ShopJob { submitter: "a\nb".into(), ..good.clone() },
         ] {
             assert_eq!(bad.check().expect_err("bad").number, "E5006");
         }
+    }
+
+    #[test]
+    fn a_job_of_before_the_order_number_is_read_and_written_as_it_was() {
+        let old = r#"{"id":"00000000-0001-7707-8707-070707070707","bundle":"HASH","machine":"local","quantity":2,"#;
+        let old = format!("{old}\"note\":\"n\",\"submitted\":\"1970-01-01T00:00:00.001Z\"}}");
+        let old = old.replace("HASH", &ContentHash::of(b"").to_string());
+        let read: ShopJob = serde_json::from_str(&old).expect("a job");
+        assert_eq!((read.order_number.as_str(), read.note.as_str(), read.quantity), ("", "n", 2));
+        assert_eq!(serde_json::to_string(&read).expect("json"), old);
+        let ordered = ShopJob { order_number: "4711/2".into(), ..read };
+        let json = serde_json::to_string(&ordered).expect("json");
+        assert!(json.contains(r#""order_number":"4711/2""#), "{json}");
+        assert_eq!(serde_json::from_str::<ShopJob>(&json).expect("a job"), ordered);
     }
 }

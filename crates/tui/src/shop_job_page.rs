@@ -153,6 +153,8 @@ pub(crate) fn empty_lines(table: Option<&ShopJobTable>) -> Vec<String> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ShopJobColumns {
     program: usize,
+    /// 0 where no job has an order number.
+    order: usize,
     submitter: usize,
     material: usize,
     note: usize,
@@ -162,46 +164,53 @@ pub(crate) struct ShopJobColumns {
 const FIXED: usize = 2 + 4 + 12 + 8 + 11;
 
 impl ShopJobColumns {
-    /// Columns of a list of this width.
-    pub(crate) fn of(width: usize) -> Self {
+    /// Columns of a list of this width for these jobs.
+    pub(crate) fn of(width: usize, rows: &[ShopJobRow]) -> Self {
         let rest = width.saturating_sub(FIXED + 3).max(20);
+        let has_orders = rows.iter().any(|row| !row.order_number.is_empty());
+        let order = if has_orders { (rest / 6).clamp(6, 14) } else { 0 };
         let program = (rest / 3).clamp(10, 32);
         let submitter = (rest / 6).clamp(5, 12);
         let material = (rest / 5).clamp(5, 20);
-        Self { program, submitter, material, note: rest.saturating_sub(program + submitter + material).min(40) }
+        let before = program + submitter + material + if has_orders { order + 1 } else { 0 };
+        Self { program, order, submitter, material, note: rest.saturating_sub(before).min(40) }
     }
 
     /// Heading of the columns.
     pub(crate) fn heading(self) -> String {
-        self.line(["  ", "", "state", "program", "pieces", "check", "from", "material", "note"])
+        self.line(["  ", "", "state", "program", "pieces", "check", "order", "from", "material", "note"])
     }
 
     /// Line of a job.
-    pub(crate) fn row(self, order: usize, row: &ShopJobRow, is_marked: bool) -> String {
-        let (order, pieces) = (order.to_string(), format!("{}/{}", row.good, row.quantity));
+    pub(crate) fn row(self, place: usize, row: &ShopJobRow, is_marked: bool) -> String {
+        let (place, pieces) = (place.to_string(), format!("{}/{}", row.good, row.quantity));
         let mark = if is_marked { "> " } else { "  " };
         self.line([
             mark,
-            &order,
+            &place,
             row.state,
             &row.program,
             &pieces,
             &row.check,
+            &row.order_number,
             &row.submitter,
             &row.material,
             &row.note,
         ])
     }
 
-    fn line(self, cells: [&str; 9]) -> String {
-        let [mark, order, state, program, pieces, check, from, material, note] = cells;
-        let Self { program: p, submitter: s, material: m, note: n } = self;
+    fn line(self, cells: [&str; 10]) -> String {
+        let [mark, place, state, program, pieces, check, order, from, material, note] = cells;
+        let Self { program: p, order: o, submitter: s, material: m, note: n } = self;
         let [program, from, material, note] =
             [(program, p), (from, s), (material, m), (note, n)].map(|(text, width)| shortened(text, width));
         let (pieces, check) = (shortened(pieces, 7), shortened(check, 10));
-        format!("{mark}{order:>3} {state:<11} {program:<p$} {pieces:<7} {check:<10} {from:<s$} {material:<m$} {note}")
-            .trim_end()
-            .to_owned()
+        let order = if o > 0 { format!(" {:<o$}", shortened(order, o)) } else { String::new() };
+        format!(
+            "{mark}{place:>3} {state:<11} {program:<p$} {pieces:<7} {check:<10}{order} {from:<s$} {material:<m$} {note}"
+        )
+        .trim_end()
+        .to_owned()
     }
 }
 
@@ -235,6 +244,7 @@ pub(crate) mod tests {
             most_pieces: 1,
             check: if state == "refused" { "2 errors".into() } else { "no errors".into() },
             submitter: "ann".into(),
+            order_number: String::new(),
             note: format!("for order {number}"),
             material: "steel 4 mm".into(),
             warnings: Vec::new(),
@@ -354,11 +364,14 @@ pub(crate) mod tests {
     fn a_row_fits_its_width() {
         let mut long = row(1, "interrupted");
         (long.note, long.program, long.quantity) = ("ä".repeat(200), "p".repeat(120), 100_000);
-        for width in [75, 100, 200] {
-            let columns = ShopJobColumns::of(width);
+        for (width, order) in [(75, 0), (100, 0), (200, 0), (75, 100), (100, 100), (200, 100)] {
+            long.order_number = "4".repeat(order);
+            let columns = ShopJobColumns::of(width, std::slice::from_ref(&long));
             for line in [columns.row(999, &long, true), columns.heading()] {
                 assert!(line.chars().count() <= width, "{width}: {line}");
             }
+            let (heading, line) = (columns.heading(), columns.row(999, &long, true));
+            assert_eq!((heading.contains("order"), line.contains("4444")), (order > 0, order > 0), "{line}");
         }
     }
 }

@@ -39,6 +39,8 @@ pub struct ShopJobRow {
     pub check: String,
     /// Who has submitted it.
     pub submitter: String,
+    /// Number of the office's order; may be empty.
+    pub order_number: String,
     /// Text for the operator.
     pub note: String,
     /// The material, as text.
@@ -62,6 +64,9 @@ impl ShopJobRow {
             ("note", or_none(&self.note)),
             ("machine file", machine_file.to_owned()),
         ];
+        if !self.order_number.is_empty() {
+            facts.insert(2, ("order", self.order_number.clone()));
+        }
         facts.extend(self.warnings.iter().map(|warning| ("WARNING", warning.clone())));
         facts
     }

@@ -24,7 +24,7 @@ fn serve_jobs(bench: &Bench) -> PageServer {
     bench.file("mill.toml", "name = \"mill\"\n");
     done(bench, &["shop", "submit", "bad.ngc"]);
     let more = ["--quantity", "2", "--material", "steel 4 mm", "--made-for", "mill.toml"];
-    done(bench, &[&["shop", "submit", "part.ngc", "--note", "for order 17"], &more[..]].concat());
+    done(bench, &[&["shop", "submit", "part.ngc", "--order", "A-4711/2", "--note", "burr inside"], &more[..]].concat());
     done(bench, &["shop", "submit", "part.ngc", "--note", HOSTILE, "--material", HOSTILE]);
     done(bench, &["shop", "agent", "--once"]);
     let mut command = Command::new(binary());
@@ -50,6 +50,7 @@ fn a_job_of_the_shop_is_shown_and_started_after_a_question() {
         user.wait_for_text("#panel-shop .list-title", "3 jobs of local");
         assert_eq!(user.count(".shop-jobs tbody tr"), 3);
         assert_eq!((pieces(&mut user).as_str(), user.count(".shop-jobs img")), ("0/2", 0));
+        assert_eq!(user.text(".shop-jobs tr.now .order"), "A-4711/2");
         user.picture(&format!("shop-{}", screen.width));
         no_fault(&mut user, "the jobs of the shop");
         user.tap(".shop-jobs button", "bad.ngc");
@@ -57,8 +58,15 @@ fn a_job_of_the_shop_is_shown_and_started_after_a_question() {
         assert!(user.is_off("#panel-shop button", "Start"));
         user.tap(".shop-jobs button", "part.ngc");
         user.tap("#panel-shop button", "Start");
-        for text in ["part.ngc", "1 of 2", "steel 4 mm", "for order 17", "the built-in machine", "another machine file"]
-        {
+        for text in [
+            "part.ngc",
+            "1 of 2",
+            "A-4711/2",
+            "steel 4 mm",
+            "burr inside",
+            "the built-in machine",
+            "another machine file",
+        ] {
             user.wait_for_text(".dialog", text);
         }
         user.picture(&format!("shop-start-{}", screen.width));

@@ -84,15 +84,17 @@ fn a_job_is_submitted_checked_started_at_the_machine_and_done() {
     let bench = bench();
     bench.file("call.ngc", "o<part2> call\nM2\n");
     bench.file("part2.ngc", "o<part2> sub\nG0 X1\no<part2> endsub\n");
-    let id = submit(&bench, &["call.ngc", "part2.ngc", "--note", "order 17", "--material", "steel 4 mm"]);
+    let arguments = ["call.ngc", "part2.ngc", "--note", "burr inside", "--material", "steel 4 mm"];
+    let id = submit(&bench, &[&arguments[..], &["--order", "4711/2"]].concat());
     assert_eq!(state(&bench, &id), is("queued", 0, 1));
     assert_refused(&bench.retrace(["run", "--job", &id]), "E5012");
     assert_contains(&done(&bench, &["shop", "agent", "--once"]), &["taken", "ready, no errors"]);
     assert_eq!(state(&bench, &id), is("ready", 0, 1));
     // what happens to the submitted files is no matter any more
     bench.file("call.ngc", BAD);
-    assert_contains(&done(&bench, &["shop", "jobs"]), &["order 17", "call.ngc", "0/1", "ready"]);
-    assert_contains(&done(&bench, &["shop", "show", &id]), &["steel 4 mm", "retrace run --job"]);
+    assert_contains(&done(&bench, &["shop", "jobs"]), &["4711/2", "burr inside", "call.ngc", "0/1", "ready"]);
+    assert_eq!(json(&bench, &["shop", "jobs", "--json"])["jobs"][0]["order_number"], "4711/2");
+    assert_contains(&done(&bench, &["shop", "show", &id]), &["order      4711/2", "steel 4 mm", "retrace run --job"]);
     // a unique beginning of the name is enough
     done(&bench, &["run", "--job", &id[..20]]);
     assert_eq!(state(&bench, &id), is("done", 1, 1));
@@ -100,6 +102,7 @@ fn a_job_is_submitted_checked_started_at_the_machine_and_done() {
     assert_refused(&bench.retrace(["run", "--job", "f"]), "E5004");
     let shown = json(&bench, &["shop", "show", &id, "--json"]);
     assert_eq!((shown["runs"].as_array().map(Vec::len), &shown["runs"][0]["state"]), (Some(1), &"completed".into()));
+    assert_eq!(shown["job"]["order_number"], "4711/2");
     assert_contains(&done(&bench, &["shop", "audit"]), &["1 jobs, 0 faults"]);
 }
 
@@ -325,6 +328,7 @@ fn what_cannot_be_submitted_is_refused_with_its_number() {
         (vec!["part.ngc", "part.ngc"], "E5005"),
         (vec!["missing.ngc"], "E5010"),
         (vec!["part.ngc", "--quantity", "0"], "E5006"),
+        (vec!["part.ngc", "--order", "47\n11"], "E5006"),
         (vec!["part.ngc", "--note", "two\nlines"], "E5006"),
     ] {
         assert_refused(&bench.retrace([&["shop", "submit"], &arguments[..]].concat()), number);

@@ -50,12 +50,12 @@ fn a_job_of_the_office_is_taken_checked_and_run_at_its_machine() {
     let (bench, part) = bench();
     let test = "shop_broker::a_job_of_the_office_is_taken_checked_and_run_at_its_machine";
     let Some(broker) = ShopBroker::start(test, &bench, &["mill-1", "mill-2"], &[]) else { return };
-    let id = submit(&broker, &part, &["--machine", "mill-1", "--note", "for order 17"]);
+    let id = submit(&broker, &part, &["--machine", "mill-1", "--note", "burr inside", "--order", "4711/2"]);
     assert!(broker.done("mill-2", &["agent", "--once"]).is_empty());
     let taken = broker.done("mill-1", &["agent", "--once"]);
     assert_contains(&taken, &["received from office", "taken", "ready, no errors"]);
     assert_eq!((jobs(&broker, "mill-1"), jobs(&broker, "mill-2")), (vec![ready(&id)], vec![]));
-    assert_contains(&broker.done("mill-1", &["show", &id]), &["for order 17", "machine mill-1", "office"]);
+    assert_contains(&broker.done("mill-1", &["show", &id]), &["burr inside", "4711/2", "machine mill-1", "office"]);
     // again from the beginning of the stream: nothing is taken twice
     assert!(broker.done("mill-1", &["agent", "--once"]).is_empty());
     // the submitter forgets it when the machine has it

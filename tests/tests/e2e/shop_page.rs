@@ -67,7 +67,8 @@ fn not_started(page: &mut Page, number: &str) {
 #[test]
 fn a_piece_is_started_by_the_page_in_control_only_and_counts() {
     let bench = Bench::new();
-    let id = submit(&bench, "part.ngc", PART, &["--quantity", "2", "--note", "order 17", "--material", "steel"]);
+    let more = ["--quantity", "2", "--note", "burr inside", "--material", "steel"];
+    let id = submit(&bench, "part.ngc", PART, &[&more[..], &["--order", "4711/2"]].concat());
     let server = serve(&bench, &[]);
     let job = listed(&server, &id, "ready");
     let [good, quantity] = ["good", "quantity"].map(|key| job[key].as_u64());
@@ -78,11 +79,12 @@ fn a_piece_is_started_by_the_page_in_control_only_and_counts() {
     let start = json!([
         ["program", "part.ngc"],
         ["piece", "1 of 2"],
+        ["order", "4711/2"],
         ["material", "steel"],
-        ["note", "order 17"],
+        ["note", "burr inside"],
         ["machine file", "the built-in machine"]
     ]);
-    assert_eq!(job["start"], start);
+    assert_eq!((&job["start"], &job["order_number"]), (&start, &json!("4711/2")));
     let words = format!("start job {id}");
     // Nobody but the page in control, which has seen the present state, with the whole name.
     let mut watcher = server.page(&server.watch_token);

@@ -222,6 +222,9 @@ pub struct Submit {
     /// Let the operator start several pieces at once, one after the other, by `retrace run --job ID --repeat N`.
     #[arg(long)]
     pub may_repeat: bool,
+    /// Number of the office's order that the job belongs to, as text.
+    #[arg(long, value_name = "NUMBER", default_value = "", hide_default_value = true)]
+    pub order: String,
     /// Text for the operator.
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     pub note: String,

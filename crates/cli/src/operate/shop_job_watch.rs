@@ -136,6 +136,7 @@ fn table_of(file: &ShopFile, args: &args::Run, machine_text: &str) -> Result<(Sh
             most_pieces: if row.job.may_repeat { row.job.quantity.saturating_sub(row.good_pieces()).max(1) } else { 1 },
             check: row.check().map(check_text).unwrap_or_default(),
             submitter: row.job.submitter.clone(),
+            order_number: row.job.order_number.clone(),
             note: row.job.note.clone(),
             material: row.job.material.clone(),
             warnings: made_for.into_iter().chain(checked_with.clone()).collect(),

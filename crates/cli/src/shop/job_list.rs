@@ -53,9 +53,9 @@ impl<'a> JobRow<'a> {
         self.listed.and_then(|job| job.check.as_ref())
     }
 
-    fn json(&self, order: usize) -> Value {
+    fn json(&self, place: usize) -> Value {
         json!({
-            "order": order,
+            "order": place,
             "id": self.job.id,
             "state": self.state.word(),
             "program": self.program(),
@@ -66,6 +66,7 @@ impl<'a> JobRow<'a> {
             "time_s": self.check().and_then(|check| check.time_s),
             "submitter": self.job.submitter,
             "submitted": self.job.submitted,
+            "order_number": self.job.order_number,
             "note": self.job.note,
             "material": self.job.material,
             "next_step": self.next_step(),
@@ -147,8 +148,8 @@ pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), Numbered
         say!("machine {} has no jobs; `retrace shop submit FILE` submits one", jobs.machine.name());
         return Ok(());
     }
-    let cells: Vec<[String; 8]> = rows.iter().enumerate().map(|(number, row)| cells(number + 1, row)).collect();
-    let head = ["order", "job", "state", "program", "pieces", "check", "from", "note"];
+    let cells: Vec<[String; 9]> = rows.iter().enumerate().map(|(number, row)| cells(number + 1, row)).collect();
+    let head = ["no.", "job", "state", "program", "pieces", "check", "order", "from", "note"];
     say!("{}", table(head, &cells).trim_end());
     if hidden_count > 0 {
         say!("{hidden_count} more with --all");
@@ -156,15 +157,16 @@ pub fn list(jobs: &ShopJobs, is_json: bool, is_all: bool) -> Result<(), Numbered
     Ok(())
 }
 
-fn cells(order: usize, row: &JobRow<'_>) -> [String; 8] {
+fn cells(place: usize, row: &JobRow<'_>) -> [String; 9] {
     let text = |text: &str| escape::name(text).into_owned();
     [
-        order.to_string(),
+        place.to_string(),
         row.job.id.to_string(),
         row.state.word().into(),
         text(row.program()),
         format!("{}/{}", row.good_pieces(), row.job.quantity),
         row.check().map_or_else(String::new, check_text),
+        text(&row.job.order_number),
         text(&row.job.submitter),
         text(&row.job.note),
     ]
@@ -208,7 +210,7 @@ pub fn details(jobs: &ShopJobs, row: &JobRow<'_>) -> Vec<(&'static str, String)>
         ("submitted", format!("{} by {}", job.submitted, escape::name(&job.submitter))),
         ("bundle", job.bundle.to_string()),
     ];
-    let texts = [("note", &job.note), ("material", &job.material)];
+    let texts = [("order", &job.order_number), ("note", &job.note), ("material", &job.material)];
     rows.extend(texts.into_iter().filter(|(_, text)| !text.is_empty()).map(|(name, text)| (name, text.clone())));
     if let Some(demand) = &job.machine_file {
         let others = if demand.is_required { "no other one" } else { "another one is a warning" };

@@ -55,6 +55,7 @@ fn job(
         target,
         quantity: args.quantity,
         may_repeat: args.may_repeat,
+        order_number: args.order.clone(),
         note: args.note.clone(),
         material: args.material.clone(),
         submitter: submitter(),

@@ -166,7 +166,8 @@ mod tests {
     }
 
     fn message(number: u64) -> ShopMessage {
-        ShopMessage::Job { job: Box::new(job(number, ContentHash::of(b""))) }
+        let job = ShopJob { order_number: "4711/2".into(), ..job(number, ContentHash::of(b"")) };
+        ShopMessage::Job { job: Box::new(job) }
     }
 
     #[test]

@@ -19,6 +19,7 @@ fn jobs() -> Vec<ShopJobRow> {
     rows.push(ShopJobRow { check: String::new(), program: String::new(), good: 0, ..row(6, "queued") });
     rows[4].most_pieces = 2;
     let ready = &mut rows[3];
+    ready.order_number = "A-4711/2 (rush)".into();
     ready.note = "for order 17; the burr goes to the inside, and the first piece to the measuring room".into();
     ready.program = "hydraulic-manifold-upper-half-rev-c.ngc".into();
     ready.warnings = vec!["the job was made for another machine file than mill.toml".into()];

@@ -34,7 +34,7 @@ pub(super) fn draw(out: &mut Buffer, model: &ScreenModel, mark: &ShopJobMark, th
 
 fn list(out: &mut Buffer, table: &ShopJobTable, at: usize, width: usize, theme: Theme) {
     let room = usize::from(out.area.height).saturating_sub(10).max(1);
-    let columns = ShopJobColumns::of(width);
+    let columns = ShopJobColumns::of(width, &table.rows);
     // As far as possible, as many jobs are shown before the marked one as behind it.
     let first = at.saturating_sub(room / 2).min(table.rows.len().saturating_sub(room));
     // The box has the same width whatever it shows.
@@ -55,7 +55,8 @@ fn list(out: &mut Buffer, table: &ShopJobTable, at: usize, width: usize, theme: 
 
 /// What the columns may have cut off of the marked job, on three lines.
 fn marked_text(row: &ShopJobRow, width: usize) -> Vec<String> {
-    let texts = [("note", &row.note), ("material", &row.material), ("from", &row.submitter)];
+    let texts =
+        [("order", &row.order_number), ("note", &row.note), ("material", &row.material), ("from", &row.submitter)];
     let told: Vec<String> =
         texts.iter().filter(|(_, text)| !text.is_empty()).map(|(name, text)| format!("{name}: {text}")).collect();
     let mut lines: Vec<String> = fold(&row.program, width, 2).into_iter().take(1).collect();
