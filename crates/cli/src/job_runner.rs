@@ -156,8 +156,8 @@ impl JobRunner<'_> {
         let journal_config = journal.as_ref().map_or_else(JournalConfig::default, JournaledJob::journal_config);
         let job_options = JobOptions { start, commands: command_sources, run_mode, journal: journal_config };
         // In virtual time the state would be that of another moment.
-        let reported =
-            (result.is_none() && options.wall_time).then(|| ReportedState::of(machine, program.name())).flatten();
+        let is_reported = result.is_none() && options.wall_time;
+        let reported = is_reported.then(|| ReportedState::of(machine, program.name(), program.lines())).flatten();
         let mut observers = RunObservers {
             console,
             reported,

@@ -19,6 +19,13 @@ pub fn line(text: impl fmt::Display) {
     note(writeln!(io::stdout().lock(), "{}", crate::escape::lines(&text.to_string())));
 }
 
+/// Draws lines over those that were drawn on the terminal before. An error is recorded for [`lost`].
+pub fn redraw(text: &str) {
+    let lines: String = text.lines().map(|line| format!("{}\u{1b}[K\n", crate::escape::name(line))).collect();
+    let mut out = io::stdout().lock();
+    note(write!(out, "\u{1b}[H{lines}\u{1b}[J").and_then(|()| out.flush()));
+}
+
 fn note(written: io::Result<()>) {
     if let Err(error) = written
         && error.kind() != ErrorKind::BrokenPipe

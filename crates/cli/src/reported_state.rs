@@ -1,12 +1,13 @@
 //! State of a job that runs without a screen, as it is reported on the local socket.
 //!
-//! Invariant: it has neither the text of the program nor its path, so that a program of any size costs nothing here.
+//! Invariant: it has the number of lines, and neither the text of the program nor its path, so that a program of any
+//! size costs nothing here.
 
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
 use retrace_controller::{Observer, Telemetry};
-use retrace_tui::{ModelObserver, ProgramFacts, ScreenModel, lock_model};
+use retrace_tui::{ModelObserver, ProgramFacts, ScreenModel, Text, lock_model};
 
 use crate::files;
 use crate::state_socket::StateSocket;
@@ -19,9 +20,9 @@ pub struct ReportedState {
 }
 
 impl ReportedState {
-    /// State of a job with a program of this name. None where it cannot be reported.
-    pub fn of(machine: &MachineConfig, program: &str) -> Option<Self> {
-        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts(machine, program)))));
+    /// State of a job with a program of this name and number of lines. None where it cannot be reported.
+    pub fn of(machine: &MachineConfig, program: &str, lines: Option<u64>) -> Option<Self> {
+        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts(machine, program, lines)))));
         let socket = StateSocket::serve(&model)?;
         Some(Self { observer: ModelObserver::new(Arc::clone(&model)), model, _socket: socket })
     }
@@ -37,10 +38,13 @@ impl ReportedState {
     }
 }
 
-/// Facts of a program of which the name is enough. Where no planned path is known, the executed one is recorded, to be
-/// drawn: nobody draws here, so the planned one is empty.
-fn facts(machine: &MachineConfig, program: &str) -> ProgramFacts {
-    ProgramFacts { planned_path: Some(Arc::default()), ..ProgramFacts::of(machine, &files::last_name(program), "") }
+/// Facts of a program of which name and number of lines are enough; 0 lines where it is not known. Where no planned
+/// path is known, the executed one is recorded, to be drawn: nobody draws here, so the planned one is empty.
+fn facts(machine: &MachineConfig, program: &str, lines: Option<u64>) -> ProgramFacts {
+    let name = files::last_name(program);
+    let unread = Text::unread(&name, lines.and_then(|lines| lines.try_into().ok()).unwrap_or_default());
+    let planned_path = Some(Arc::default());
+    ProgramFacts { planned_path, program: unread, ..ProgramFacts::of(machine, &name, "") }
 }
 
 #[cfg(test)]
@@ -54,8 +58,9 @@ mod tests {
     #[test]
     fn the_path_of_a_job_is_not_kept() {
         let machine = MachineConfig::parse("", "test").expect("valid");
-        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts(&machine, "jobs/part.ngc")))));
-        assert_eq!(lock_model(&model).facts.program.name, "part.ngc");
+        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts(&machine, "jobs/part.ngc", Some(7))))));
+        let program = lock_model(&model).facts.program.clone();
+        assert_eq!((program.name.as_str(), program.lines(), program.line(1)), ("part.ngc", 7, None));
         let mut observer = ModelObserver::new(Arc::clone(&model));
         let started = Event { period: 0, time_s: 0.0, place: Place::default(), line: 0, kind: EventKind::Started };
         Observer::<3>::on_telemetry(&mut observer, &Telemetry::Event(started));

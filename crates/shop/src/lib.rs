@@ -47,6 +47,7 @@ mod ledger_entry;
 mod machine_folder;
 mod machine_name;
 mod machine_report;
+mod machine_table;
 mod message_log;
 #[cfg(unix)]
 mod mtconnect;
@@ -85,6 +86,7 @@ pub use ledger_entry::{CheckSummary, LedgerEntry, RunOutcome};
 pub use machine_folder::MachineFolder;
 pub use machine_name::{MachineName, ParseMachineNameError};
 pub use machine_report::{MachineReport, ReportedAxis};
+pub use machine_table::machine_table;
 pub use message_log::{HandledContent, HandledMessage, read as read_messages};
 #[cfg(unix)]
 pub use mtconnect::{DataItem, ShdrAdapter, data_items, devices_xml};

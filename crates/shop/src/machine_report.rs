@@ -68,6 +68,12 @@ impl MachineReport {
         self.state["program"]["name"].as_str().filter(|name| !name.is_empty())
     }
 
+    /// Figure of the program, such as `planned_s`; none where no program is loaded.
+    #[must_use]
+    pub fn program_number(&self, key: &str) -> Option<f64> {
+        self.program().and_then(|_| self.state["program"][key].as_f64())
+    }
+
     /// Alarm: its number, and its cause. Orders that were refused are none.
     #[must_use]
     pub fn alarm(&self) -> Option<(&str, &str)> {

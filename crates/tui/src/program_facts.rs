@@ -241,6 +241,8 @@ pub struct Text {
     text: String,
     /// Start of each line.
     begins: Vec<usize>,
+    /// Number of lines of a text that was not read.
+    unread_lines: usize,
 }
 
 impl Text {
@@ -252,13 +254,19 @@ impl Text {
             *at += line.len();
             Some(begin)
         });
-        Self { name: name.into(), begins: begins.collect(), text: text.into() }
+        Self { name: name.into(), begins: begins.collect(), text: text.into(), unread_lines: 0 }
+    }
+
+    /// A program of which name and number of lines are known only.
+    #[must_use]
+    pub fn unread(name: &str, lines: usize) -> Self {
+        Self { name: name.into(), unread_lines: lines, ..Self::default() }
     }
 
     /// Number of lines.
     #[must_use]
     pub fn lines(&self) -> usize {
-        self.begins.len()
+        self.begins.len() + self.unread_lines
     }
 
     /// Line, counted from 1, without its line end.
@@ -281,5 +289,7 @@ mod tests {
         let lines: Vec<_> = (0..6).map(|n| text.line(n)).collect();
         assert_eq!(lines, [None, Some("G0"), Some("G1 X1"), Some(""), Some("M2"), None]);
         assert_eq!(Text::default().lines(), 0);
+        let unread = Text::unread("a", 3);
+        assert_eq!((unread.lines(), unread.line(1), unread.name.as_str()), (3, None, "a"));
     }
 }

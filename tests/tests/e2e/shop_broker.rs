@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::not_run::not_run;
 use retrace_tests::shop_broker::ShopBroker;
+use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
 const PART: &str = "G21 G90 G94 F3000\nG1 X20\nX25 Y5\nX0 Y0\nM2\n";
@@ -241,6 +242,58 @@ fn states_come_from_the_agents_and_age_without_them() {
         let states = broker.done("office", &["watch", "--once", "--json"]);
         states.matches("\"state\":\"not known\"").count() == 2
     });
+}
+
+/// The table names the job that runs. While the broker is away, at the beginning or later, it is one line more.
+#[test]
+fn the_table_of_machines_names_the_job_and_goes_on_without_the_broker() {
+    let (bench, _part) = bench();
+    let test = "shop_broker::the_table_of_machines_names_the_job_and_goes_on_without_the_broker";
+    let Some(mut broker) = ShopBroker::start(test, &bench, &["mill"], &[]) else { return };
+    let long = bench.file("long.ngc", "G21 G90 G94 F600\nG1 X200\nX0\nX200\nM2\n");
+    broker.start_agent("mill");
+    let id = submit(&broker, long.to_str().expect("a name"), &["--machine", "mill"]);
+    wait_for("the check", 20, || jobs(&broker, "mill") == [ready(&id)]);
+    let office = broker.shop_file("office");
+    let state = bench.path("state").display().to_string();
+    let watch = ["shop", "watch", "--shop-file", &office];
+    let terminal = Terminal::with(&watch, 140, 10, &[("XDG_STATE_HOME", &state)]);
+    terminal.wait_for_text("not operated");
+    let file = broker.shop_file("mill");
+    let run = ["run", "--job", &id, "--shop-file", &file, "--realtime", "--no-tui", "--json"];
+    let mut run = bench.start(&run, Stdio::null(), "run.txt");
+    let shown = terminal.wait_for_text(&id[..13]);
+    assert!(!shown.contains(&id[..14]) && !shown.contains("E5035"), "{shown}");
+    let states: Value =
+        serde_json::from_str(&broker.done("office", &["watch", "--once", "--json"])).expect("one object");
+    assert_eq!((&states["machines"][0]["job"], &states["away"]), (&Value::from(id.as_str()), &Value::Null), "{states}");
+    let figures = ["line", "done_percent", "override_percent"].map(|key| states["machines"][0][key].as_f64());
+    assert_eq!(figures, [Some(2.0), Some(20.0), Some(100.0)], "the first of 200 mm at 10 mm/s: {states}");
+    assert!(shown.contains("long.ngc") && shown.contains(" 100 %"), "{shown}");
+    broker.kill_server();
+    let away = terminal.wait_for_text("E5035");
+    assert!(away.contains(&id[..13]) && away.matches("E5035").count() == 1, "{away}");
+    // one that begins now waits, too
+    let mut late = bench.start(&[&watch[..], &["--json"]].concat(), Stdio::null(), "watch.txt");
+    let last = || -> Value {
+        let text = fs::read_to_string(bench.path("watch.txt")).unwrap_or_default();
+        text.lines().last().and_then(|line| serde_json::from_str(line).ok()).unwrap_or_default()
+    };
+    wait_for("the broker is away", 20, || last()["away"]["number"] == "E5035");
+    assert_eq!(last()["machines"], Value::Array(Vec::new()));
+    broker.start_server();
+    wait_for("the broker is back", 40, || last()["away"].is_null() && last()["machines"][0]["job"] == id.as_str());
+    terminal.wait_until("the line is gone", |text| !text.contains("E5035") && text.contains(&id[..13]));
+    for child in [&mut run, &mut late] {
+        child.kill().expect("killed");
+        child.wait().expect("ended");
+    }
+    terminal.wait_until("the job runs no more", |text| text.contains("mill") && !text.contains(&id[..13]));
+    let screen = terminal.text();
+    assert!(
+        !screen.contains("\\u001b") && screen.matches("override").count() == 1,
+        "drawn over the last one: {screen}"
+    );
 }
 
 /// Runs OpenSSL in the folder of the bench. Returns whether it is installed and succeeded.

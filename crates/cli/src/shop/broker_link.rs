@@ -132,8 +132,8 @@ fn report_states(connection: &BrokerConnection, machine: &MachineFolder) {
         let report = source.read();
         let now = MachineState::of(report, Timestamp::now());
         let now = if figures.is_alone { now } else { MachineState::not_known(now.when) };
-        let state =
-            MachineState { pieces: figures.pieces, jobs: figures.jobs, trouble: figures.trouble.clone(), ..now };
+        let (job, trouble) = (figures.running_job.clone(), figures.trouble.clone());
+        let state = MachineState { job, pieces: figures.pieces, jobs: figures.jobs, trouble, ..now };
         if connection.is_connected() {
             // it is sent again
             let _ = sender.pass(connection, &state);
@@ -145,6 +145,8 @@ fn report_states(connection: &BrokerConnection, machine: &MachineFolder) {
 /// What the ledger says of the machine.
 #[derive(Clone, Debug, Default)]
 struct Figures {
+    /// Name of the job that is running.
+    running_job: Option<String>,
     pieces: Option<[u64; 2]>,
     jobs: [u64; 2],
     trouble: Option<String>,
@@ -162,8 +164,11 @@ impl Figures {
         let good = ledger.jobs().iter().map(|job| u64::from(job.good_pieces_now())).sum();
         let scrap = ledger.jobs().iter().flat_map(|job| &job.runs).filter(|run| run.is_scrap).count() as u64;
         let states: Vec<ShopJobState> = ledger.jobs().iter().map(LedgerJob::state).collect();
+        let is_running = |(_, state): &(&LedgerJob, &ShopJobState)| **state == ShopJobState::Running;
+        let running = ledger.jobs().iter().zip(&states).find(is_running);
         let count = |state| states.iter().filter(|&&found| found == state).count() as u64;
         Self {
+            running_job: running.map(|(job, _)| job.job.id.to_string()),
             pieces: Some([good, scrap]),
             jobs: [count(ShopJobState::Ready), count(ShopJobState::Interrupted)],
             trouble: None,

@@ -13,7 +13,7 @@ use retrace_shop::{
 };
 
 /// Longest wait for the connection in a command that somebody waits for.
-const CONNECT_LIMIT: Duration = Duration::from_secs(5);
+pub const CONNECT_LIMIT: Duration = Duration::from_secs(5);
 /// Time between two looks at the outbox.
 const INTERVAL: Duration = Duration::from_secs(2);
 /// Longest wait of `submit --wait`.

@@ -29,11 +29,13 @@ pub struct MachineState {
     pub since: Timestamp,
     /// The word of the machine's screen, such as `RUNNING` or `HOLD`; `None` where no command operates the machine.
     pub state: Option<String>,
+    /// Job of the shop that is running; states of earlier versions have none.
+    pub job: Option<String>,
     /// Name of the program.
     pub program: Option<String>,
     /// Program line.
     pub line: Option<u64>,
-    /// How much of the program is done, 0 to 100.
+    /// How much of the program is done, 0 to 100: by its planned time, or by its lines where there is no plan.
     pub done_percent: Option<f64>,
     /// Rate of the motion along the path: 1 as programmed, below 0 while it is retraced.
     pub rate: Option<f64>,
@@ -60,11 +62,12 @@ impl MachineState {
             when: now,
             since: now,
             state: report.state("word").map(str::to_owned),
+            job: report.shop_job.clone(),
             program: report.program().map(str::to_owned),
             line: report.line(),
-            done_percent: done_percent(report.live("run_s"), report.live("left_s")),
+            done_percent: done_percent(report),
             rate: number(report.live("rate")).map(|rate| (rate * 100.0).round() / 100.0),
-            override_percent: number(report.state_number("override")),
+            override_percent: number(report.state_number("override")).map(|share| (share * 1000.0).round() / 10.0),
             feed: number(report.live("feed")).map(f64::round),
             alarm: report.alarm().map(|(number, cause)| (number.to_owned(), cause.to_owned())),
             pieces: report.pieces,
@@ -86,11 +89,21 @@ impl MachineState {
     }
 }
 
-/// Share of the program's time that has passed.
-fn done_percent(run_s: Option<f64>, left_s: Option<f64>) -> Option<f64> {
-    let (run_s, left_s) = (run_s?, left_s?);
-    let total = run_s + left_s;
-    (total > 0.0 && total.is_finite()).then(|| (run_s / total * 1000.0).round() / 10.0)
+/// How much of the program is done, 0 to 100. It falls while the path is retraced.
+fn done_percent(report: &MachineReport) -> Option<f64> {
+    let by_time = || {
+        let planned_s = report.program_number("planned_s").filter(|&planned_s| planned_s > 0.0)?;
+        // the time that is left is that at the present override
+        let factor = report.state_number("override")?.max(0.01);
+        Some(1.0 - report.live("left_s")? * factor / planned_s)
+    };
+    let by_lines = || {
+        let lines = report.program_number("lines").filter(|&lines| lines > 0.0)?;
+        Some(report.line()?.saturating_sub(1) as f64 / lines)
+    };
+    let is_completed = report.execution() == Some("PROGRAM_COMPLETED");
+    let share = if is_completed { Some(1.0) } else { by_time().or_else(by_lines) };
+    share.filter(|share| share.is_finite()).map(|share| (share.clamp(0.0, 1.0) * 1000.0).round() / 10.0)
 }
 
 /// Sender of a machine's state.
@@ -153,4 +166,52 @@ pub fn machine_states(broker: &BrokerConnection) -> Result<Vec<(MachineName, Mac
     }
     states.sort_by(|(a, _), (b, _): &(MachineName, MachineState)| a.cmp(b));
     Ok(states)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    fn state(program: Value, more: Value, live: Value) -> MachineState {
+        let mut report = MachineReport::default();
+        report.shop_job = Some("01a2".into());
+        let mut state = json!({"t": "state", "stage": "job", "mode": "run", "hold_reason": "none", "word": "RUNNING",
+            "program": program, "override": 0.5, "line": 26});
+        state.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
+        let mut live = live;
+        live["t"] = "live".into();
+        report.take(state);
+        report.take(live);
+        MachineState::of(&report, Timestamp::from_ms(1))
+    }
+
+    #[test]
+    fn figures_are_those_of_the_report_in_the_units_of_the_table() {
+        let planned = json!({"name": "part.ngc", "lines": 100, "planned_s": 200.0});
+        let of = |more, live| state(planned.clone(), more, live);
+        // 300 s are left at half the feed: 150 s of 200 s
+        let half = of(json!({}), json!({"left_s": 300.0, "rate": -0.256}));
+        assert_eq!((half.override_percent, half.done_percent, half.rate), (Some(50.0), Some(25.0), Some(-0.26)));
+        assert_eq!((half.job.as_deref(), half.line, half.state.as_deref()), (Some("01a2"), Some(26), Some("RUNNING")));
+        assert_eq!(of(json!({"override": 1.005}), json!({"left_s": 0.0})).override_percent, Some(100.5));
+        // back before the beginning, and feed hold by the override
+        assert_eq!(of(json!({}), json!({"left_s": 900.0})).done_percent, Some(0.0));
+        assert_eq!(of(json!({"override": 0.0}), json!({"left_s": 15_000.0})).done_percent, Some(25.0));
+        let by_lines = json!({"name": "part.ngc", "lines": 100, "planned_s": null});
+        assert_eq!(state(by_lines.clone(), json!({}), json!({"left_s": null})).done_percent, Some(25.0));
+        let ended = state(by_lines, json!({"hold_reason": "end of program"}), json!({}));
+        assert_eq!(ended.done_percent, Some(100.0));
+        let none = json!({"name": "", "lines": 0, "planned_s": null});
+        assert_eq!(state(none, json!({}), json!({})).done_percent, None);
+    }
+
+    #[test]
+    fn a_state_of_before_the_job_is_read() {
+        let old = json!({"when": "1970-01-01T00:00:00.001Z", "since": "1970-01-01T00:00:00.001Z", "state": "RUNNING",
+            "program": "part.ngc", "line": 7, "done_percent": null, "rate": null, "override_percent": 100.0,
+            "feed": null, "alarm": null, "pieces": [1, 0], "jobs": [0, 0], "trouble": null});
+        let read: MachineState = serde_json::from_value(old).expect("a state");
+        assert_eq!((read.job, read.line), (None, Some(7)));
+    }
 }
