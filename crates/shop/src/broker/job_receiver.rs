@@ -61,6 +61,8 @@ pub struct JobReceiver {
     machine: MachineFolder,
     settings: BrokerSettings,
     limits: InboxLimits,
+    /// Time before a job is tried again.
+    retry_interval: Duration,
     /// Connection of what is known of the broker.
     connection: u64,
     /// Next sequence number of each subject.
@@ -89,6 +91,7 @@ impl JobReceiver {
             machine,
             settings,
             limits,
+            retry_interval: RETRY_INTERVAL,
             connection: 0,
             feeds: Vec::new(),
             waiting: BTreeMap::new(),
@@ -231,7 +234,7 @@ impl JobReceiver {
             let Some(WaitingJob { job, from, attempts, .. }) = self.waiting.remove(&id) else { continue };
             if let Err(error) = self.receive(broker, job.clone(), from.clone(), attempts, news) {
                 // its message was read: only here it is still known
-                self.waiting.insert(id, WaitingJob { job, from, attempts, next: now + RETRY_INTERVAL });
+                self.waiting.insert(id, WaitingJob { job, from, attempts, next: now + self.retry_interval });
                 return Err(error);
             }
         }
@@ -259,7 +262,7 @@ impl JobReceiver {
         // before the claim: another machine of the group may have room
         if let Err(refusal) = queue.check_room(0, self.limits) {
             news.push(BrokerNews::Refused(refusal));
-            let next = Instant::now() + 2 * RETRY_INTERVAL;
+            let next = Instant::now() + 2 * self.retry_interval;
             self.waiting.insert(id, WaitingJob { job, from, attempts, next });
             return Ok(());
         }
@@ -284,13 +287,13 @@ impl JobReceiver {
                 self.refuse(job, &NumberedError::new("E5006", what, "submit the job again"), news)
             }
             Ok(false) => {
-                let next = Instant::now() + RETRY_INTERVAL;
+                let next = Instant::now() + self.retry_interval;
                 self.waiting.insert(id, WaitingJob { job, from, attempts: attempts + 1, next });
                 Ok(())
             }
             Err(refusal) if refusal.number == "E5008" => {
                 news.push(BrokerNews::Refused(refusal));
-                let next = Instant::now() + 2 * RETRY_INTERVAL;
+                let next = Instant::now() + 2 * self.retry_interval;
                 self.waiting.insert(id, WaitingJob { job, from, attempts, next });
                 Ok(())
             }
@@ -360,3 +363,6 @@ fn claim_state(job: &LedgerJob) -> ClaimState {
         _ => ClaimState::Taken,
     }
 }
+
+#[cfg(test)]
+mod tests;
