@@ -5,6 +5,8 @@
 //! no output is switched. A signal, or an alarm, ends the test at rest.
 
 use std::io::{IsTerminal, stdin};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
@@ -18,7 +20,7 @@ use serde_json::json;
 use crate::command_failure::CommandFailure;
 use crate::linked_card;
 use crate::resume_summary::ask_yes_or_no;
-use crate::stop_signals::{StopPolicy, StopSignals};
+use crate::stop_signals::{self, StopPolicy, StopSignals};
 
 /// The analog input at which the card measures the frequency, and the frequency at the upper end of its range: those of
 /// the Pico.
@@ -132,7 +134,9 @@ fn on_card<const A: usize>(
     })?;
     let mut card = linked_card::find::<A>(port)?;
     card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(port, &fault))?;
-    let Some(greeting) = card.greeting().copied() else { return Ok(()) };
+    let greeting = card.greeting().copied();
+    let greeting =
+        greeting.ok_or_else(|| NumberedError::new("E2164", "the card does not say what it is", "try again"))?;
     linked_card::check_fit(port, &greeting.identity, machine)?;
     if greeting.identity.analog.inputs() == 0 {
         let what = "the card has no frequency input, so that it cannot count its own steps";
@@ -141,8 +145,8 @@ fn on_card<const A: usize>(
     let moves = planned_moves(machine, axis, greeting.counts[axis]);
     let longest_mm = moves.iter().map(|(_, mm)| mm.abs()).fold(0.0, f64::max);
     let question = format!(
-        "wire the step output of {name} to the frequency input; {name} MOVES by up to {longest_mm:.1} mm and back, six \
-         times, at up to {:.1} mm/s: is its motor uncoupled, or its drive unplugged? [y/N] ",
+        "wire the step output of {name} to the frequency input; {name} MOVES by up to {longest_mm:.1} mm and back, \
+         three times, at up to {:.1} mm/s: is its motor uncoupled, or its drive unplugged? [y/N] ",
         machine.axes[axis].max_velocity_mm_per_s
     );
     let agrees = || stdin().is_terminal() && ask_yes_or_no(&question);
@@ -150,11 +154,16 @@ fn on_card<const A: usize>(
         let remedy = "uncouple the motor, then repeat the command with --yes";
         return Err(NumberedError::new("E2164", "nobody has agreed; nothing has moved", remedy).into());
     }
+    // A signal between two moves ends the test as well.
+    let is_stopped = Arc::new(AtomicBool::new(false));
+    #[cfg(unix)]
+    stop_signals::set_at_signal(&is_stopped);
     card.open(machine.card_settings(PathStart::at(RecordIndex::new(0))))
         .map_err(|fault| linked_card::card_error(port, &fault))?;
     let mut found = Vec::new();
     for (mm_per_s, mm) in moves.into_iter().flat_map(|(mm_per_s, mm)| [(mm_per_s, mm), (mm_per_s, -mm)]) {
-        found.push(measure(machine, (axis, letter), (mm_per_s, mm), &mut AnyCard::new(&mut *card))?);
+        let mut card = AnyCard::new(&mut *card);
+        found.push(measure(machine, (axis, letter), (mm_per_s, mm), (&mut card, &is_stopped))?);
     }
     // The card is at rest.
     let _ = card.close();
@@ -186,8 +195,9 @@ fn measure<const A: usize>(
     machine: &MachineConfig,
     (axis, letter): (usize, char),
     (mm_per_s, mm): (f64, f64),
-    card: &mut AnyCard<'_, A>,
+    (card, is_stopped): (&mut AnyCard<'_, A>, &AtomicBool),
 ) -> Result<MeasuredRate, CommandFailure> {
+    let stopped = || NumberedError::new("E2164", "the test was stopped; the axis is at rest", "repeat the command");
     let mut machine = machine.clone();
     machine.axes[axis].set_jog_mm_s(mm_per_s);
     let mut samples = Samples { axis, ..Samples::default() };
@@ -197,17 +207,17 @@ fn measure<const A: usize>(
     if let Some(signals) = &signals {
         signals.listen();
     }
+    if is_stopped.load(Ordering::Relaxed) {
+        return Err(stopped().into());
+    }
     let run_mode = RunMode { wall_time: true, operator: false, real_time: false };
     let mut modal_context = ModalContext::new(interpreter_setup(&machine));
     let mut watch = Watch { samples: &mut samples, signals: signals.as_ref() };
     let task = ManualTask::Jog { axis: letter, mm };
     let done = perform_manual_task(&task, &machine, &mut modal_context, card, (operators, run_mode), &mut watch);
     match done {
-        Ok(ManualTaskDone::Completed { .. }) => {}
-        Ok(ManualTaskDone::Stopped) => {
-            let remedy = "repeat the command";
-            return Err(NumberedError::new("E2164", "the test was stopped; the axis is at rest", remedy).into());
-        }
+        Ok(ManualTaskDone::Completed { .. }) if !is_stopped.load(Ordering::Relaxed) => {}
+        Ok(_) => return Err(stopped().into()),
         Err(ManualTaskError::Numbered(refusal)) => return Err(refusal.into()),
         Err(ManualTaskError::Block(_)) => return Err(CommandFailure::Program),
         Err(ManualTaskError::Card(error)) => {

@@ -46,16 +46,17 @@ fn the_steps_at_the_wire_are_those_that_were_ordered() {
 /// A signal ends the test at rest, and so does the loss of its host.
 #[test]
 fn a_signal_and_a_killed_host_end_the_test_at_rest() {
-    for signal in ["-INT", "-KILL"] {
+    // In a move, and between two.
+    for (signal, after_ms) in [("-INT", 700), ("-INT", 900), ("-INT", 1000), ("-INT", 1100), ("-KILL", 900)] {
         let (bench, card) = (Bench::new(), ServedCard::with(&["--step-wire", "x"]));
         let mut command = retrace_command(["doctor", &card.port, "--step-test", "x", "--yes"]);
         let mut host = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it runs");
-        std::thread::sleep(Duration::from_millis(900));
+        std::thread::sleep(Duration::from_millis(after_ms));
         let pid = host.id().to_string();
         std::process::Command::new("kill").args([signal, &pid]).status().expect("kill");
         let ended = host.wait().expect("it ends");
-        assert!(!ended.success(), "{ended}");
-        std::thread::sleep(Duration::from_millis(1500));
+        assert!(!ended.success(), "{signal} after {after_ms} ms: {ended}");
+        std::thread::sleep(Duration::from_millis(1000));
         let stands = counts(&bench, &card.port);
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(counts(&bench, &card.port), stands, "{signal}: at rest");
