@@ -126,7 +126,7 @@ fn a_probe_that_finds_nothing_or_is_in_contact_already_ends_or_goes_on_as_its_co
     // away from the work
     let away = bench(PROBE, "G21 G90 F300\nG38.3 Z-6 F300\nG38.4 Z0\n(print,#5063 #5070)\nM2\n");
     let result = away.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", PLANE, "--json"]);
-    assert_eq!(messages(&result), ["-5.431000 1.000000"], "{}", result.err);
+    assert_eq!(messages(&result), ["-5.431000 1.000000"], "{} {}", result.out, result.err);
 }
 
 #[test]
