@@ -256,6 +256,13 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         !self.safe_to_send_until().is_before(place)
     }
 
+    /// Whether the plan has ended, and nothing of it up to `place` is still to come: it does not reach that place, or
+    /// everything up to there is received and durable.
+    pub(crate) fn has_ended_at(&mut self, place: RecordIndex) -> bool {
+        let has_ended = self.planner_gone || self.summary.is_some();
+        has_ended && (self.ring.write().is_before(place) || self.is_sure_until(place))
+    }
+
     /// Whether enough is planned that the rate does not depend on the planner's speed. `enough`: records ahead.
     #[must_use]
     pub fn has_lookahead(&mut self, status: &CardStatus<A>, enough: u32) -> bool {

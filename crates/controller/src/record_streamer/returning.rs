@@ -75,7 +75,35 @@ mod tests {
     use retrace_link::{MAX_CHANGES, OutputChange, channel};
 
     use super::*;
-    use crate::plan_item::{ExclusiveInstruction, PathItem};
+    use crate::plan_item::{ExclusiveInstruction, PathItem, PlanEnd, PlanSummary};
+    use retrace_journal::DurablePlace;
+
+    /// A program that ends behind a probing move: its end arrives before its last records are durable. They are still
+    /// to come, until they are, or the plan turns out to be shorter.
+    #[test]
+    fn what_is_not_durable_yet_is_still_to_come_where_the_plan_has_ended() {
+        let at = RecordIndex::new;
+        let cells: Box<[Cell<Record<1>>]> =
+            (0..size::ring_cells(100, 100).expect("fits")).map(|_| Cell::default()).collect();
+        let mut ring = Ring::new(cells, 100, 100, at(0)).expect("fits");
+        let (mut producer, consumer) = ring.split();
+        let (items, received) = sync_channel(8);
+        let durable = DurablePlace::starting_at(at(0));
+        let mut streamer = RecordStreamer::new(consumer, received, at(0), [0; channel::COUNT], 0);
+        streamer.durable_place = Some(durable.clone());
+        (0..50).for_each(|_| producer.push(Record::default()).expect("room"));
+        streamer.poll_planner();
+        assert!(!streamer.has_ended_at(at(50)), "it has not ended");
+        let ending = PlanEnd::Completed;
+        let summary = PlanSummary { ending, blocks: 3, canonical: 3, commanded_mm: vec![0.0] };
+        items.send(PathItem::End(summary)).expect("room");
+        streamer.poll_planner();
+        assert!(streamer.summary().is_some() && !streamer.is_sure_until(at(50)));
+        assert!(!streamer.has_ended_at(at(50)), "its last records become durable yet");
+        assert!(streamer.has_ended_at(at(51)), "nothing comes behind its end");
+        durable.advance(at(50));
+        assert!(streamer.has_ended_at(at(50)), "all is there");
+    }
 
     #[test]
     fn a_switch_of_the_overrides_behind_the_place_is_to_come_again() {

@@ -327,11 +327,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         Ok(())
     }
 
-    /// Whether the planner has ended before it has made the move part of the path.
-    fn has_plan_ended(&self) -> bool {
-        self.streamer.planner_is_gone() || self.streamer.summary().is_some()
-    }
-
     fn reason_of_end(&self) -> String {
         let why = match self.streamer.summary().map(|summary| &summary.ending) {
             Some(PlanEnd::BlockError(text)) => text.as_str(),
@@ -361,9 +356,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Continues the job's path behind the move, once the planner has made the move part of it.
     fn rejoin_behind_probing(&mut self) -> Result<(), CardError> {
         let sum = loop {
+            // What was complete before is passed here; what becomes so meanwhile is passed the next time.
+            let end = self.probing.current.as_ref().map(|current| current.end);
+            let has_ended = end.is_some_and(|end| self.streamer.has_ended_at(end));
             match self.pass_probing_records() {
                 Some((true, sum)) => break sum,
-                _ if self.has_plan_ended() => {
+                _ if has_ended => {
                     return Err(fault("E3031", &self.reason_of_end(), "please report this"));
                 }
                 _ if self.config.run_mode.wall_time => return Ok(()),
