@@ -19,6 +19,10 @@ export class FrameLine {
       if (store.framed && isReady && this.isMoving) store.showFrame(null);
       this.isMoving = store.framed !== null && !isReady;
     });
+    // The machine may refuse it after the order was taken, as beyond a soft limit.
+    store.on('rejected', () => {
+      if (store.framed && !this.isMoving) store.showFrame(null);
+    });
   }
 
   /** Places it in a picture. `project` maps a position in machine coordinates to a pixel. */

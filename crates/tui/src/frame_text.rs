@@ -1,15 +1,19 @@
 //! What is traced by *frame*, in words, before the machine moves (CUT-59).
 //!
-//! Invariant: the extents are those of what the program cuts as it was checked last, in machine coordinates.
+//! Invariant: the extents are those of what the program cuts with the offsets in force, in machine coordinates; while
+//! it is checked, and where the check has found an error, they are not known.
 
 use retrace_controller::FrameShape;
 
 use crate::model::ScreenModel;
+use crate::program_facts::ProgramCheck;
 
 /// Extents in X and in Y of what the program cuts, mm, where they are known.
 #[must_use]
 pub fn extents_mm(model: &ScreenModel) -> Option<[[f64; 2]; 2]> {
-    let extents = model.facts.contours.as_ref()?.extents_mm?;
+    // Those of another place or of other offsets are not of what would be cut.
+    let facts = Some(&model.facts).filter(|facts| facts.check == ProgramCheck::Ready)?;
+    let extents = facts.contours.as_ref()?.extents_mm?;
     let [x, y, _] = model.facts.space();
     let extents = [*extents.get(x?)?, *extents.get(y?)?];
     extents.as_flattened().iter().all(|mm| mm.is_finite()).then_some(extents)

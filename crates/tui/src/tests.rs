@@ -17,6 +17,7 @@ use retrace_journal::HoldReason;
 use retrace_link::{CutterOffCause, GearState};
 
 mod arbitrary;
+mod setting_up;
 mod shop_jobs;
 
 use crate::fake_machine::{self, FakeMachine, FakePath};
@@ -536,33 +537,6 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
         assert!(text(&bench.screen(80, 24)).contains("FEED HOLD"), "{}", text(&bench.screen(80, 24)));
         bench.keys("c");
     }
-}
-
-#[test]
-fn a_frame_is_traced_by_a_key_in_setup_after_saying_what_it_goes_round() {
-    use retrace_controller::FrameShape::{Outline, Rectangle};
-    for (key, shape, what) in [('F', Rectangle, "the rectangle around what is cut"), ('U', Outline, "the outline of")] {
-        let mut bench = ScreenFixture::new();
-        assert_eq!(bench.key(Key::Char(key)), None);
-        let shown = text(&bench.screen(80, 24));
-        assert!(shown.contains(what) && shown.contains("cutters off"), "{shown}");
-        assert_eq!(bench.key(Key::Char(key)), None, "the key that has asked does not answer");
-        assert_eq!((bench.key(Key::Char(key)), bench.key(Key::Char('y'))), (None, Some(UiCommand::Frame(shape))));
-    }
-}
-
-#[test]
-fn a_probing_cycle_is_entered_in_words_and_called_as_an_mdi_block() {
-    let mut bench = ScreenFixture::new();
-    bench.keys("P");
-    bench.keys("bore 20");
-    bench.key(Key::Enter);
-    let shown = text(&bench.screen(80, 24));
-    assert!(shown.contains("! enter bore DIAMETER DEPTH") && shown.contains("the probe MOVES"), "{shown}");
-    assert!(shown.contains("outside-corner x+ y+ OUT DEPTH") && shown.contains("calibrate DIAMETER DEPTH"), "{shown}");
-    bench.keys(" 5 g55");
-    let block = "o<probe_bore> call [20 / [1 + 24.4 * #<_imperial>]] [5 / [1 + 24.4 * #<_imperial>]] [2]";
-    assert_eq!(bench.key(Key::Enter), Some(UiCommand::Task(retrace_controller::ManualTask::Mdi(block.into()))));
 }
 
 #[test]

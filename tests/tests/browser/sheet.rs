@@ -169,5 +169,20 @@ fn a_frame_says_what_it_goes_round_before_anything_moves() {
             report["live"]["at_rest"] == true && (at(0) - 30.0).abs() < 0.01 && (at(1) - 20.0).abs() < 0.01
         });
         user.wait("getComputedStyle(document.querySelector('.frame-line')).display === 'none'");
+
+        // Beyond a soft limit the extents of before are not shown any more, and the frame is refused.
+        user.tap("#tab-mdi", "");
+        user.tap(".mdi-text", "");
+        user.type_text("G10 L2 P1 X250");
+        user.key("Enter");
+        user.wait("import('/page/app.js').then(({ pathView: { store } }) => store.state.cut_extents_mm === null)");
+        user.tap("#tab-path", "");
+        user.evaluate("document.activeElement.blur()");
+        user.key("F");
+        user.wait_for_text(".dialog h2", "Frame: the rectangle");
+        assert_eq!(user.count(".dialog .cause"), 0);
+        user.tap(".dialog button", "Go round");
+        user.wait("import('/page/app.js').then(({ pathView: { store } }) => store.rejected?.t === 'rejected')");
+        user.wait("getComputedStyle(document.querySelector('.frame-line')).display === 'none'");
     }
 }

@@ -4,6 +4,7 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use retrace_tests::command::{Bench, retrace_command};
+use retrace_tests::pins::samples;
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
@@ -48,7 +49,9 @@ fn the_steps_at_the_wire_are_those_that_were_ordered() {
 fn a_signal_and_a_killed_host_end_the_test_at_rest() {
     // In a move, and between two.
     for (signal, after_ms) in [("-INT", 700), ("-INT", 900), ("-INT", 1000), ("-INT", 1100), ("-KILL", 900)] {
-        let (bench, card) = (Bench::new(), ServedCard::with(&["--step-wire", "x"]));
+        let bench = Bench::new();
+        let vcd = bench.path("pins.vcd");
+        let card = ServedCard::with(&["--step-wire", "x", "--vcd", &vcd.display().to_string()]);
         let mut command = retrace_command(["doctor", &card.port, "--step-test", "x", "--yes"]);
         let mut host = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it runs");
         std::thread::sleep(Duration::from_millis(after_ms));
@@ -60,5 +63,9 @@ fn a_signal_and_a_killed_host_end_the_test_at_rest() {
         let stands = counts(&bench, &card.port);
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(counts(&bench, &card.port), stands, "{signal}: at rest");
+        let _ = card.end();
+        let trace = samples(&vcd);
+        assert!(trace.iter().all(|sample| sample.outputs.is_empty()), "{signal}: no output is switched");
+        assert!(trace.last().is_some_and(|sample| sample.at_rest && sample.counts[1..] == [0, 0]), "{signal}");
     }
 }

@@ -78,14 +78,17 @@ mod tests {
     use crate::plan_item::{ExclusiveInstruction, PathItem, PlanEnd, PlanSummary};
     use retrace_journal::DurablePlace;
 
+    fn ring() -> Ring<Box<[Cell<Record<1>>]>> {
+        let cells = (0..size::ring_cells(100, 100).expect("fits")).map(|_| Cell::default()).collect();
+        Ring::new(cells, 100, 100, RecordIndex::new(0)).expect("fits")
+    }
+
     /// A program that ends behind a probing move: its end arrives before its last records are durable. They are still
     /// to come, until they are, or the plan turns out to be shorter.
     #[test]
     fn what_is_not_durable_yet_is_still_to_come_where_the_plan_has_ended() {
         let at = RecordIndex::new;
-        let cells: Box<[Cell<Record<1>>]> =
-            (0..size::ring_cells(100, 100).expect("fits")).map(|_| Cell::default()).collect();
-        let mut ring = Ring::new(cells, 100, 100, at(0)).expect("fits");
+        let mut ring = ring();
         let (mut producer, consumer) = ring.split();
         let (items, received) = sync_channel(8);
         let durable = DurablePlace::starting_at(at(0));
@@ -108,9 +111,7 @@ mod tests {
     #[test]
     fn a_switch_of_the_overrides_behind_the_place_is_to_come_again() {
         let at = RecordIndex::new;
-        let cells: Box<[Cell<Record<1>>]> =
-            (0..size::ring_cells(100, 100).expect("fits")).map(|_| Cell::default()).collect();
-        let mut ring = Ring::new(cells, 100, 100, at(0)).expect("fits");
+        let mut ring = ring();
         let (mut producer, consumer) = ring.split();
         let (items, received) = sync_channel(8);
         let switch = |place, applies| ExclusiveInstruction {
