@@ -7,6 +7,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use crate::command::{Bench, CommandOutput};
+use crate::pause::pause;
 use crate::pins::{self, Sample};
 use crate::served::ServedCard;
 
@@ -67,16 +68,16 @@ pub fn end_early(
         "kill" => host.kill().expect("it is killed"),
         event => card.operate(event),
     }
-    sleep(Duration::from_millis(1000));
+    pause(Duration::from_millis(1000));
     if event == "power off" {
         card.operate("power on");
-        sleep(Duration::from_millis(500));
+        pause(Duration::from_millis(500));
     }
     let _ = host.kill();
     host.wait().expect("it ends");
     assert!(told().contains(number), "{event}: {}", told());
     card.operate("spindle turn 0.4");
-    sleep(Duration::from_millis(1200));
+    pause(Duration::from_millis(1200));
     let resumed = (event == "kill").then(|| bench.retrace(["resume", "--yes", "--json"]));
     let _ = card.end();
     EarlyEnd { samples: pins::samples(&vcd), resumed }

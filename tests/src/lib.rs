@@ -16,6 +16,7 @@ pub mod mqtt_client;
 pub mod not_run;
 pub mod page_client;
 pub mod page_user;
+pub mod pause;
 pub mod pins;
 pub mod programs;
 pub mod records;

@@ -18,11 +18,13 @@ pub struct LinkTimeouts {
     pub answer_us: u64,
     /// For frames from the card after that. A cable that is unplugged for less than this may be plugged in again.
     pub silence_us: u64,
+    /// For a card without its host to come to rest: its watchdog, which takes 2 s at most, and its braking.
+    pub rest_us: u64,
 }
 
 impl Default for LinkTimeouts {
     fn default() -> Self {
-        Self { answer_us: 3_000_000, silence_us: 5_000_000 }
+        Self { answer_us: 3_000_000, silence_us: 5_000_000, rest_us: 10_000_000 }
     }
 }
 
@@ -121,7 +123,8 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
     /// brakes, and then its watchdog latches the alarm. From then on its reported state does not change.
     ///
     /// # Errors
-    /// As [`LinkedCard::connect`]; also if that state is not reached in time, because another host is connected.
+    /// As [`LinkedCard::connect`]; also [`LinkError::NotAtRest`] if that state is not reached in time, because another
+    /// host is connected.
     pub fn wait_at_rest(&mut self, nonce: u32) -> Result<(), LinkedCardError<P::Fault>> {
         self.request_greeting_until(nonce, |greeting| {
             greeting.at_rest && (greeting.epoch == 0 || greeting.alarm.is_some())
@@ -136,8 +139,8 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         let begun = self.port.now_us();
         let mut question = nonce;
         while !self.host.greeting().is_some_and(&done) {
-            if self.port.now_us().saturating_sub(begun) > self.timeouts.answer_us {
-                return Err(LinkedCardError::Host(LinkError::SettingsRejected));
+            if self.port.now_us().saturating_sub(begun) > self.timeouts.rest_us {
+                return Err(LinkedCardError::Host(LinkError::NotAtRest));
             }
             question = question.wrapping_add(1);
             self.request_greeting(question)?;

@@ -8,6 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains};
+use retrace_tests::pause::pause;
 use retrace_tests::pins::{Sample, run_with_pins, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -154,7 +155,7 @@ fn an_alarm_sets_the_safe_value() {
             "kill" => child.kill().expect("it is killed"),
             line => card.operate(line),
         }
-        thread::sleep(Duration::from_millis(2000));
+        pause(Duration::from_millis(2000));
         let _ = card.end();
         let _ = child.kill();
         child.wait().expect("it ends");
@@ -186,9 +187,9 @@ fn a_power_loss_leaves_the_value_at_zero_until_a_program_sets_it() {
         thread::sleep(Duration::from_millis(5));
     }
     card.operate("power off");
-    thread::sleep(Duration::from_millis(300));
+    pause(Duration::from_millis(300));
     card.operate("power on");
-    thread::sleep(Duration::from_millis(1500));
+    pause(Duration::from_millis(1500));
     let _ = child.kill();
     child.wait().expect("it ends");
     let _ = card.end();
@@ -215,10 +216,10 @@ fn a_resumed_job_restores_the_value() {
         assert!(begun.elapsed() < Duration::from_secs(30), "nothing was set");
         thread::sleep(Duration::from_millis(5));
     }
-    thread::sleep(Duration::from_millis(300));
+    pause(Duration::from_millis(300));
     child.kill().expect("it is killed");
     child.wait().expect("it ends");
-    thread::sleep(Duration::from_millis(1500));
+    pause(Duration::from_millis(1500));
     let resumed = bench.retrace(["resume", "--journal", "jobs", "--yes", "--json"]);
     assert_eq!(resumed.code, Some(0), "{} {}", resumed.out, resumed.err);
     assert_eq!(events(&resumed.out, "report")[0]["outcome"], "completed");
@@ -268,15 +269,15 @@ fn a_program_learns_what_an_analog_input_shows_at_rest_and_a_resumed_job_knows_i
         }
     };
     // On the way to the wait it shows something else.
-    thread::sleep(Duration::from_millis(300));
+    pause(Duration::from_millis(300));
     card.operate("analog 1 12.5");
     wait_for_line(3);
-    thread::sleep(Duration::from_millis(500));
+    pause(Duration::from_millis(500));
     card.operate("analog 1 33");
-    thread::sleep(Duration::from_millis(2500));
+    pause(Duration::from_millis(2500));
     child.kill().expect("it is killed");
     child.wait().expect("it ends");
-    thread::sleep(Duration::from_millis(1500));
+    pause(Duration::from_millis(1500));
     let before = card.identify(&bench)["counts"].clone();
     let x = before[0].as_i64().expect("a count");
     assert!((45_000..60_000).contains(&x) && before[1] == 12_500, "killed behind the move: {before}");

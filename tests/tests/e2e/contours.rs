@@ -263,7 +263,6 @@ fn at_the_screen_a_job_begins_at_a_contour_of_the_list() {
     terminal.wait_until("the page closed", |text| !text.contains("begins at contour"));
     assert!(terminal.text().contains("READY"), "{}", terminal.text());
     terminal.keys(&format!("C{DOWN}\ry"));
-    terminal.wait_for_text("contour 2 of");
     let end = terminal.wait_for_text("ENDED");
     assert!(end.contains("completed, 2 contours cut"), "{end}");
     terminal.keys("C");

@@ -8,6 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, assert_contains};
+use retrace_tests::pause::pause;
 use retrace_tests::pins::{Sample, run_with_pins, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -84,13 +85,13 @@ fn an_emergency_stop_and_a_lost_link_release_the_spindle() {
             assert!(begun.elapsed() < Duration::from_secs(30), "the spindle is not oriented");
             thread::sleep(Duration::from_millis(5));
         }
-        thread::sleep(Duration::from_millis(200));
+        pause(Duration::from_millis(200));
         if is_stopped {
             card.operate("input 13 on");
         } else {
             child.kill().expect("it is killed");
         }
-        thread::sleep(Duration::from_millis(1500));
+        pause(Duration::from_millis(1500));
         let _ = card.end();
         let _ = child.kill();
         let _ = child.wait();

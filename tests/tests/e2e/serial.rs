@@ -9,6 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, CommandOutput, binary};
+use retrace_tests::pause::pause;
 use serde_json::Value;
 use serialport::{SerialPort, TTYPort};
 
@@ -107,7 +108,7 @@ fn a_sender_that_overruns_by_4_kib_loses_nothing() {
     let mut out = String::new();
     let mut pipe = child.stdout.take().expect("its output");
     // nothing reads the decoded data for a while: the line has to wait
-    thread::sleep(Duration::from_secs(2));
+    pause(Duration::from_secs(2));
     pipe.read_to_string(&mut out).expect("text");
     let output = child.wait_with_output().expect("it ends");
     let (_line, sent) = sender.join().expect("it sends");
@@ -182,7 +183,7 @@ fn a_fifo_is_a_stream_and_shows_that_it_waits() {
     let writer = thread::spawn({
         let (fifo, written) = (fifo.clone(), Arc::clone(&written));
         move || {
-            thread::sleep(Duration::from_millis(2500));
+            pause(Duration::from_millis(2500));
             let mut file = fs::File::options().write(true).open(fifo).expect("somebody reads");
             file.write_all(b"G21 G90 F3000\nG1 X5\nM2\n").expect("it is taken");
             written.store(true, Ordering::Relaxed);
@@ -209,7 +210,7 @@ fn a_tape_that_cannot_be_read_is_refused_by_its_number() {
         let (line, bench) = (PtyLine::new(), Bench::new());
         let mut sender = line.sender;
         let sent = thread::spawn(move || {
-            thread::sleep(Duration::from_millis(500));
+            pause(Duration::from_millis(500));
             sender.set_timeout(Duration::from_secs(3)).expect("a line");
             // What is behind the error is not read any more. A small piece does not block where a line has room at all.
             let _ = tape.chunks(64).try_for_each(|piece| sender.write_all(piece));
@@ -232,7 +233,7 @@ fn with_rts_and_cts_no_code_is_sent_over_the_line() {
     let (line, bench) = (PtyLine::new(), Bench::new());
     let (mut sender, tape) = (line.sender, tape("G21 G90 F3000\nG1 X5\nM30\n"));
     let sent = thread::spawn(move || {
-        thread::sleep(Duration::from_millis(500));
+        pause(Duration::from_millis(500));
         sender.write_all(&tape).expect("a line");
         sender.set_timeout(Duration::from_millis(1500)).expect("a line");
         let mut codes = [0; 16];
@@ -388,12 +389,12 @@ fn a_piece_that_was_sent_counts_by_the_word_of_the_operator() {
     assert_eq!(shop(&["good", &id, &first]).code, Some(0));
     assert_eq!(state(), is("ready", 1, 1));
     assert!(shop(&["good", &id, &first]).err.contains("error[E5020]"), "counted once");
-    thread::sleep(Duration::from_millis(1100));
+    pause(Duration::from_millis(1100));
     let bad = sent(2);
     assert_eq!(shop(&["scrap", &id, &bad]).code, Some(0));
     assert_eq!(state(), is("ready", 1, 2));
     assert!(shop(&["good", &id, &bad]).err.contains("error[E5020]"), "scrap stays scrap");
-    thread::sleep(Duration::from_millis(1100));
+    pause(Duration::from_millis(1100));
     let last = sent(3);
     assert_eq!(shop(&["good", &id, &last]).code, Some(0));
     assert_eq!(state(), is("done", 2, 3));

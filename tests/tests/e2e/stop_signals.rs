@@ -7,6 +7,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, binary};
+use retrace_tests::pause::pause;
 use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
@@ -105,7 +106,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--no-tui", "--json"];
     let begun = Begun::of(&bench, &run);
     begun.until("out.txt", "\"switched\"");
-    sleep(Duration::from_millis(300));
+    pause(Duration::from_millis(300));
     begun.signal("-INT");
     begun.until("err.txt", "stopping: braking on the path");
     assert_stopped(begun.ended());
@@ -114,7 +115,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
     for signal in ["-TERM", "-HUP"] {
         let begun = Begun::of(&bench, &["resume", "--yes", "--json"]);
         begun.until("out.txt", "\"run_resumed\"");
-        sleep(Duration::from_millis(100));
+        pause(Duration::from_millis(100));
         begun.signal(signal);
         assert_stopped(begun.ended());
     }
@@ -142,7 +143,7 @@ fn a_run_in_virtual_time_that_waits_for_its_program_is_stopped_too() {
     command.args(["run", "-", "--json"]).env("XDG_STATE_HOME", bench.path("state"));
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = command.spawn().expect("the retrace command runs");
-    sleep(Duration::from_millis(700));
+    pause(Duration::from_millis(700));
     let told = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
     assert!(told.is_ok_and(|status| status.success()));
     let begun = Instant::now();
@@ -196,7 +197,7 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
     ];
     for (answered, wait) in waits.into_iter().enumerate() {
         terminal.wait_for_text(wait);
-        sleep(Duration::from_millis(700));
+        pause(Duration::from_millis(700));
         assert_eq!(terminal.text().matches("operator: cycle start").count(), answered, "{}", terminal.text());
         assert!(!terminal.text().contains("completed"), "it waits: {}", terminal.text());
         terminal.keys("\n");
@@ -218,7 +219,7 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
     let mut terminal = Terminal::running(&off, 180, 40);
     for wait in ["M0 of line 3 waits", "M6 of line 7 waits"] {
         terminal.wait_for_text(wait);
-        sleep(Duration::from_millis(200));
+        pause(Duration::from_millis(200));
         terminal.keys("\n");
     }
     assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
@@ -232,14 +233,14 @@ fn without_a_terminal_a_program_stop_says_the_way_out_and_a_resumed_job_keeps_th
     let begun = Begun::of(&bench, &run);
     begun.until("err.txt", "M0 of line 3 waits; no terminal to press Enter at: stop it with `kill ");
     // Longer than the timeout for an absent operator elsewhere.
-    sleep(Duration::from_secs(12));
+    pause(Duration::from_secs(12));
     assert!(!begun.text("out.txt").contains("\"report\""), "it still waits: {}", begun.text("out.txt"));
     begun.signal("-TERM");
     assert_stopped(begun.ended());
     let jobs = bench.path("jobs").display().to_string();
     let mut terminal = Terminal::running(&["resume", "--yes", "--realtime", "--journal", &jobs], 180, 40);
     terminal.wait_for_text("M0 of line 3 waits; press Enter");
-    sleep(Duration::from_millis(200));
+    pause(Duration::from_millis(200));
     terminal.keys("\n");
     assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
     assert!(!terminal.text().contains("M1 of line"), "M1 is passed, as before: {}", terminal.text());
@@ -256,7 +257,7 @@ fn a_program_on_standard_input_is_not_taken_for_enter() {
     std::io::Write::write_all(child.stdin.as_mut().expect("a pipe"), STOPS.as_bytes()).expect("it reads");
     let begun = Begun { bench: &bench, child };
     begun.until("err.txt", "M0 of line 3 waits; standard input is the program, not a keyboard: stop it with `kill ");
-    sleep(Duration::from_millis(500));
+    pause(Duration::from_millis(500));
     begun.signal("-TERM");
     let mut begun = begun;
     let started = Instant::now();
@@ -303,7 +304,7 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
     for (work, signal, axis) in works {
         let arguments = [work, &["--card", &card.port, "--machine", "mill.toml", "--json"]].concat();
         let begun = Begun::of(&bench, &arguments);
-        sleep(Duration::from_millis(2500));
+        pause(Duration::from_millis(2500));
         begun.signal(signal);
         begun.until("err.txt", "stopping: braking on the path, cutting outputs go off");
         let (code, report) = begun.ended();

@@ -5,6 +5,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use retrace_tests::command::{Bench, CommandOutput};
+use retrace_tests::pause::pause;
 use retrace_tests::pins;
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
@@ -195,19 +196,19 @@ fn turn_by_hand(machine: &str, program: &str, begins: &str, z: i64) {
     wait(begins);
     wait("\"hold\"");
     // Turned away by more than 5 degrees, nothing follows it until it is turned back.
-    sleep(Duration::from_millis(900));
+    pause(Duration::from_millis(900));
     card.operate("spindle turn 0.05");
     wait("follow spindle");
-    sleep(Duration::from_millis(400));
+    pause(Duration::from_millis(400));
     card.operate("spindle turn -0.05");
-    sleep(Duration::from_millis(700));
+    pause(Duration::from_millis(700));
     card.operate("spindle turn -1");
-    sleep(Duration::from_millis(3000));
+    pause(Duration::from_millis(3000));
     card.operate("spindle turn 0.5");
     wait("follow off");
-    sleep(Duration::from_millis(300));
+    pause(Duration::from_millis(300));
     card.operate("spindle turn 0.02");
-    sleep(Duration::from_millis(400));
+    pause(Duration::from_millis(400));
     card.operate("spindle turn -0.02");
     assert_eq!(host.wait().expect("it ends").code(), Some(0), "{}", told());
     let report = report(&told());
@@ -242,7 +243,7 @@ fn a_spindle_is_turned_by_hand_out_of_the_thread() {
         assert!(host.try_wait().expect("a process").is_none(), "{}", told());
         sleep(Duration::from_millis(10));
     }
-    sleep(Duration::from_millis(400));
+    pause(Duration::from_millis(400));
     card.operate("spindle turn -3.5");
     assert_eq!(host.wait().expect("it ends").code(), Some(0), "{}", told());
     let left = events(&told()).find(|event| event["event"] == "mode" && event["mode"] == "reverse");

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
 use retrace_tests::geared_job::{EarlyEnd, assert_refused, end_early};
+use retrace_tests::pause::pause;
 use retrace_tests::pins;
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -193,7 +194,7 @@ fn a_thread_at_the_end_of_what_has_arrived_is_found_again() {
     let mut sender = child.stdin.take().expect("a pipe");
     let (first, rest) = THREAD.split_at(THREAD.find("G0 X4").expect("behind the thread"));
     sender.write_all(first.as_bytes()).expect("it reads");
-    sleep(Duration::from_millis(300));
+    pause(Duration::from_millis(300));
     sender.write_all(rest.as_bytes()).expect("it reads");
     drop(sender);
     assert_eq!(child.wait().expect("it ends").code(), Some(4));
@@ -222,11 +223,11 @@ fn a_job_that_was_killed_in_a_thread_is_not_resumed_in_it() {
         assert!(begun.elapsed() < Duration::from_secs(50), "the thread begins");
         sleep(Duration::from_millis(2));
     }
-    sleep(Duration::from_millis(1500));
+    pause(Duration::from_millis(1500));
     child.kill().expect("it is killed");
     child.wait().expect("it ends");
     // the watchdog, and a spindle that coasts
-    sleep(Duration::from_millis(1500));
+    pause(Duration::from_millis(1500));
     let place = card.identify(&bench);
     let z = place["counts"][2].as_i64().unwrap_or_else(|| panic!("{place}"));
     assert!((-58_000..0).contains(&z), "inside the thread: {z}");

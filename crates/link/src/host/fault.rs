@@ -25,6 +25,8 @@ pub enum LinkError {
     Protocol(u8),
     /// The card rejected the settings.
     SettingsRejected,
+    /// The machine does not come to rest, or another host can still move it.
+    NotAtRest,
     /// The card has moved since the report from which a new path was to begin.
     Moved,
 }
@@ -41,6 +43,7 @@ impl CardFailure for LinkError {
             Self::Protocol(_) => "E3007",
             Self::SettingsRejected => "E3008",
             Self::Moved => "E3021",
+            Self::NotAtRest => "E3037",
         }
     }
 
@@ -57,6 +60,9 @@ impl CardFailure for LinkError {
             }
             Self::Refused(_) => "check the card's alarm, and run the program again; please report this",
             Self::Protocol(_) => "install matching versions of the card's firmware and this program",
+            Self::NotAtRest => {
+                "end the other program that uses the card; if there is none, wait until the machine is at rest"
+            }
             Self::Moved => "resume the job; check the line if it happens again",
             Self::SettingsRejected => {
                 "wait until the machine is at rest; compare the machine file with the output of `retrace card identify`"
@@ -80,6 +86,7 @@ impl fmt::Display for LinkError {
                 write!(f, "the card uses protocol version {version}, this program version {PROTOCOL}")
             }
             Self::Moved => write!(f, "the machine moved while a new path was to begin at its position"),
+            Self::NotAtRest => write!(f, "the machine is in motion, or another host is connected to the card"),
             Self::SettingsRejected => write!(f, "the card does not support these settings, or is in motion"),
         }
     }

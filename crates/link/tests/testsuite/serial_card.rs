@@ -188,7 +188,7 @@ fn a_card_is_connected_opened_run_and_closed() {
 
 #[test]
 fn a_card_that_does_not_answer_is_silent() {
-    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000 };
+    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000, rest_us: 90_000 };
     let mut port = LoopPort::new();
     port.answers = false;
     let error = Linked::connect(port, 9, patience).err();
@@ -219,7 +219,7 @@ fn a_card_that_does_not_answer_is_silent() {
 
 #[test]
 fn an_epoch_without_a_period_times_out() {
-    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000 };
+    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000, rest_us: 90_000 };
     let mut card = Linked::connect(LoopPort::new(), 9, patience).expect("it answers");
     card.port_mut().answers = false;
     let begun = card.port().now;
@@ -230,7 +230,7 @@ fn an_epoch_without_a_period_times_out() {
 /// The first report has more outputs than fit, and the card is silent after it.
 #[test]
 fn an_epoch_whose_first_period_is_late_times_out() {
-    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000 };
+    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000, rest_us: 90_000 };
     let mut card = Linked::connect(LoopPort::new(), 9, patience).expect("it answers");
     let port = card.port_mut();
     port.works.status.outputs = [i32::MAX; retrace_link::channel::COUNT];
@@ -343,8 +343,8 @@ fn a_host_that_resumes_waits_until_no_other_can_move_the_card() {
     let mut card = opened();
     card.request_greeting(19).expect("it answers");
     let begun = card.port().now;
-    assert_eq!(card.wait_at_rest(20), Err(LinkedCardError::Host(LinkError::SettingsRejected)));
-    assert!(card.port().now - begun > LinkTimeouts::default().answer_us);
+    assert_eq!(card.wait_at_rest(20), Err(LinkedCardError::Host(LinkError::NotAtRest)));
+    assert!(card.port().now - begun > LinkTimeouts::default().rest_us);
     // its watchdog has latched the alarm
     let mut card = opened();
     card.port_mut().works.status.alarm = Some(Alarm::HostSilent);

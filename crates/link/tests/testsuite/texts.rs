@@ -58,6 +58,7 @@ fn every_error_of_the_line_has_its_number_and_its_words() {
         (LinkError::Refused(4), "E3006"),
         (LinkError::Protocol(9), "E3007"),
         (LinkError::SettingsRejected, "E3008"),
+        (LinkError::NotAtRest, "E3037"),
     ];
     let mut words = BTreeSet::new();
     for (error, number) in errors {
