@@ -6,7 +6,7 @@ use crate::choice::Choice;
 use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
-use retrace_card::ProbeDrive;
+use retrace_card::{ProbeDrive, ProbeReading};
 use retrace_core::playback::{emission, executed_increments};
 use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{ProbeArming, ProbeLatch, counts_at_edge};
@@ -40,18 +40,20 @@ fn touches_are_in_order(c: &mut impl Choice, most: i64) -> Option<()> {
     Some(())
 }
 
-/// Level, first change and counts of one period.
+/// Level and first change, and the pulses of one period. The pins may be the period before.
 struct Seen {
     has_level: bool,
     change: Option<u16>,
-    count: i64,
+    is_period_behind: bool,
+    increment: i32,
 }
 
 impl Seen {
     fn any(c: &mut impl Choice) -> Self {
         let (has_level, is_captured) = (c.flag(), c.flag());
         let part = c.word() as u16;
-        Self { has_level, change: is_captured.then_some(part), count: c.between(-1000, 1000) }
+        let (is_period_behind, increment) = (c.flag(), c.between(-7, 7) as i32);
+        Self { has_level, change: is_captured.then_some(part), is_period_behind, increment }
     }
 
     fn edge(&self) -> bool {
@@ -66,16 +68,22 @@ fn the_first_edge_counts<const PERIODS: u32>(c: &mut impl Choice) -> Option<()> 
     let mut drive = ProbeDrive::<1>::new();
     let mut kept = None;
     let (mut with, mut without) = (0, 0);
+    // count at its end and pulses of the last period, and of the one before
+    let mut last = (0, 0);
     drive.arm(ProbeArming { input: input as u8, active, filter_periods: filter as u16 });
     let mut period = 0;
     while period < PERIODS {
         let before = drive.latch();
         let seen = Seen::any(c);
         let inputs = if seen.has_level == active { 1 << input } else { 0 };
-        drive.observe(inputs, seen.change, &[seen.count], &[7]);
+        let reading = ProbeReading { first_change: seen.change, is_period_behind: seen.is_period_behind };
+        let earlier = last;
+        last = (earlier.0 + i64::from(seen.increment), seen.increment);
+        drive.observe(inputs, reading, &[last.0], &[last.1]);
         let latch = drive.latch();
         if before == ProbeLatch::Armed && seen.edge() {
-            kept = Some(counts_at_edge(&[seen.count], &[7], seen.change.unwrap_or(u16::MAX)));
+            let (count, increment) = if seen.is_period_behind { earlier } else { last };
+            kept = Some(counts_at_edge(&[count], &[increment], seen.change.unwrap_or(u16::MAX)));
             (with, without) = (0, 0);
         }
         (with, without) = if seen.has_level { (with + 1, 0) } else { (0, without + 1) };
@@ -147,7 +155,8 @@ pub const ROWS: &[Row] = &[
         requirement: "PRB-1, PRB-2, SPN-26",
         bound: "any count within ±2⁶¹, any increment of ±65 535, any part; their order for \
             increments of up to 7 pulses and any two parts; five periods of any levels, captured \
-            changes and counts, any input, either level awaited, filters of up to 2 periods",
+            changes and increments of up to 7 pulses, with the pins at the counts or a period behind, any input, \
+            either level awaited, filters of up to 2 periods",
         assumes: "nothing",
         suffices: "a period depends on the latch, the counters of the filter and what is seen alone, and five periods \
             reach an edge that is dropped and one that is kept",
@@ -163,10 +172,17 @@ pub const ROWS: &[Row] = &[
                 killer: "latch_touch",
             },
             Mutant {
+                name: "the pulses of the period after the edge",
+                file: "crates/link/src/probe.rs",
+                find: "counts_at_edge(&before, earlier, self.part)",
+                put: "counts_at_edge(&before, increments, self.part)",
+                killer: "latch_first_edge",
+            },
+            Mutant {
                 name: "the last edge counts",
                 file: "crates/card/src/probe_drive.rs",
-                find: "if self.latch == ProbeLatch::Armed && (has_level || first_change.is_some()) {",
-                put: "if self.is_armed() && !self.has_touched() && (has_level || first_change.is_some()) {",
+                find: "if let State::Armed { earlier } = &mut self.state {",
+                put: "if let State::Armed { .. } | State::Edge(_) = self.state { let earlier = &mut [0; A];",
                 killer: "latch_first_edge",
             },
             Mutant {

@@ -7,14 +7,16 @@
 use retrace_core::{Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HomingCommand,
-    HostCommand, LayerMove, MAX_PULSE_US, Outputs, PROTOCOL, RepeatedInstruction,
+    HostCommand, LayerMove, MAX_PULSE_US, Outputs, PROTOCOL, ProbeArming, RepeatedInstruction,
 };
 
 use crate::homing::{HomingEnd, HomingSearch};
 use crate::safety_monitor::MotionState;
 use crate::spindle_pwm::{PwmSignal, duty_of};
 use crate::window::RecordStorage;
-use crate::{BacklashCompensation, CheckedSettings, InputLevels, Inputs, OutputCounts, Player, SafetyMonitor};
+use crate::{
+    AwaitedProbe, BacklashCompensation, CheckedSettings, InputLevels, Inputs, OutputCounts, Player, SafetyMonitor,
+};
 
 /// Card for `A` axes, a window of `W` records and averages of the rate law of up to `M` periods.
 ///
@@ -123,7 +125,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
     /// Runs one control period.
     pub fn run_period(&mut self, inputs: InputLevels) -> &CardStatus<A> {
         let wheel = self.inputs.read(&inputs);
-        self.player.observe_probe(self.inputs.active(), inputs.probe_change);
+        self.player.observe_probe(self.inputs.active(), inputs.probe);
         self.instruction_failed = inputs.failed;
         let encoder_alarm = self.player.read_spindle(&inputs.spindle);
         let homing = self.homing.as_ref().map(HomingSearch::target_switch);
@@ -164,6 +166,13 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         let report = self.player.status_mut();
         (report.inputs, report.analog_inputs, report.wheel) = (self.inputs.active(), inputs.analog, wheel);
         self.player.status()
+    }
+
+    /// Returns the edge that the latch of the probe awaits, for hardware that captures it.
+    #[must_use]
+    pub fn awaited_probe(&self) -> Option<AwaitedProbe> {
+        let ProbeArming { input, active, .. } = self.player.awaited_probe()?;
+        Some(AwaitedProbe { input, is_high: active != self.inputs.is_active_low(input) })
     }
 
     /// Returns the reason why no cutting output may be on, independent of the path.

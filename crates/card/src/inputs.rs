@@ -4,7 +4,7 @@
 
 use retrace_link::{AnalogInputs, InputSetting, InputUse, MAX_INPUTS};
 
-use crate::EncoderReading;
+use crate::{EncoderReading, ProbeReading};
 
 /// Input values that a card reads once per control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,9 +15,8 @@ pub struct InputLevels {
     pub encoder: u16,
     /// Whether the machine reports that the instruction being executed has failed.
     pub failed: bool,
-    /// Part of the last period, in units of 2⁻¹⁶, in which the level of the probe's input changed first, on hardware
-    /// that captures it.
-    pub probe_change: Option<u16>,
+    /// What is read of the probe.
+    pub probe: ProbeReading,
     /// The spindle's encoder.
     pub spindle: EncoderReading,
     /// Readings of the analog inputs.
@@ -46,6 +45,11 @@ pub struct Inputs {
 }
 
 impl Inputs {
+    /// Whether this input is active while its level is low.
+    pub(crate) const fn is_active_low(&self, input: u8) -> bool {
+        self.active_low >> (input & 15) & 1 == 1
+    }
+
     /// Creates a state without inputs.
     #[must_use]
     pub const fn new() -> Self {

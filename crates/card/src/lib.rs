@@ -50,7 +50,7 @@ pub use linked_card::{LentCard, LinkedCard};
 pub use outputs::{OutputBank, OutputCounts};
 pub use permit::CutterPermit;
 pub use player::Player;
-pub use probe_drive::ProbeDrive;
+pub use probe_drive::{AwaitedProbe, ProbeDrive, ProbeReading};
 pub use safety_monitor::{MotionState, SafetyMonitor};
 pub use spindle_encoder::{EncoderReading, EncoderSample, MAX_ENCODER_SAMPLES, SpindleEncoder};
 pub use spindle_follower::{FOLLOWED_SPINDLES, SpindleFollower};

@@ -69,6 +69,8 @@ export class Board {
     this.frozen = false;
     /** A pin that is driven with a frequency: the pin, the cycles between two edges, the next one, and its level. */
     this.wave = undefined;
+    /** What is to be done once, and the cycle. */
+    this.later = undefined;
     /** Cycle in which the watchdog reset the chip. */
     this.watchdogAt = undefined;
     for (const { address, bytes } of this.image.segments) this.mcu.flash.set(bytes, address - FLASH);
@@ -167,6 +169,7 @@ export class Board {
       }
       this.cycles = end;
       if (this.wave && this.wave.next <= end) this.driveWave(end);
+      if (this.later && this.later.at <= end) this.doLater();
     }
   }
 
@@ -174,6 +177,17 @@ export class Board {
   startWave(pin, hertz) {
     const half = 1e9 / NANOSECONDS / hertz / 2;
     this.wave = { pin: this.mcu.gpio[pin], half, next: this.cycles + half, level: false };
+  }
+
+  /** Does this once so many cycles have passed. */
+  after(cycles, what) {
+    this.later = { at: this.cycles + cycles, what };
+  }
+
+  doLater() {
+    const { what } = this.later;
+    this.later = undefined;
+    what();
   }
 
   /** Wires an output to an input. */

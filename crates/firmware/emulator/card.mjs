@@ -9,7 +9,7 @@
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
 // RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave; RETRACE_STEP_WIRE is
-// the number of an axis whose step output is wired to it.
+// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs).
 //
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
@@ -21,6 +21,7 @@
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
 import { findings } from './findings.mjs';
+import { Probe } from './probe.mjs';
 import { Scope } from './scope.mjs';
 import { UsbHost } from './usb_host.mjs';
 
@@ -40,6 +41,7 @@ const uart = board.mcu.uart[0];
 for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
 if (process.env.RETRACE_WAVE_HZ) board.startWave(FREQUENCY_PIN, +process.env.RETRACE_WAVE_HZ);
 if (process.env.RETRACE_STEP_WIRE) board.wire(FIRST_STEP_PIN + +process.env.RETRACE_STEP_WIRE, FREQUENCY_PIN);
+if (process.env.RETRACE_PROBE) new Probe(board, scope, process.env.RETRACE_PROBE);
 
 const toCard = [];
 const fromCard = [];

@@ -34,6 +34,8 @@ export class Scope {
     this.seen = undefined;
     /** Called with the net pulses of every period at its end. */
     this.onPeriod = undefined;
+    /** Called with the axis of every pulse. */
+    this.onPulse = undefined;
     /** The output for S: its last edges, the begin of the cycle under way, and the last whole one, high and in all. */
     this.pwm = { rose: -Infinity, fell: -Infinity, began: undefined, last: [0, 1] };
     this.watchWords();
@@ -106,6 +108,7 @@ export class Scope {
       this.rose[axis] = now;
       this.net[axis] += sign;
       this.pulses++;
+      this.onPulse?.(axis);
       this.worst.low = Math.min(this.worst.low, now - this.fell[axis]);
       this.worst.before = Math.min(this.worst.before, now - this.turned[axis]);
       if (!this.seen) return;

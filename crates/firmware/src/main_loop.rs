@@ -83,12 +83,15 @@ fn run_period(card: &mut Card, board: &mut ThisBoard, steps: &mut Steps) {
         return;
     }
     let (began, interrupts) = (board.cycles(), DIAGNOSTICS.interrupt_cycles());
-    let (levels, encoder, analog) = (board.input_levels(), board.encoder(), board.analog_inputs());
-    let inputs = InputLevels { levels, encoder, analog, ..InputLevels::default() };
+    let levels = board.input_levels();
+    let (levels, probe) = board.read_probe(levels);
+    let (encoder, analog) = (board.encoder(), board.analog_inputs());
+    let inputs = InputLevels { levels, encoder, analog, probe, ..InputLevels::default() };
     let status = card.run_period(inputs);
     board.set_outputs(&status.outputs);
     board.set_spindle_pwm(card.card().spindle_pwm());
     board.put_steps(&StepBatch { increments: *card.card().pulses(), shape: steps.shape });
+    board.await_probe(card.card().awaited_probe());
     let interrupted = DIAGNOSTICS.interrupt_cycles().wrapping_sub(interrupts);
     let cycles = stopwatch::between(began, board.cycles());
     DIAGNOSTICS.record_period(cycles.saturating_sub(interrupted), &mut steps.rest);

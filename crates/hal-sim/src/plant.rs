@@ -2,7 +2,7 @@
 //!
 //! Invariant: it depends on the card's pins alone, not on what the card means by them.
 
-use retrace_card::InputLevels;
+use retrace_card::{InputLevels, ProbeReading};
 use retrace_link::{ANALOG_INPUTS, AnalogInputs, InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
 use crate::arc_voltage::WarpedSheet;
@@ -312,7 +312,7 @@ impl<const A: usize> Plant<A> {
             levels: self.active ^ self.active_low,
             encoder: self.encoder,
             failed,
-            probe_change,
+            probe: ProbeReading { first_change: probe_change, is_period_behind: false },
             spindle,
             analog: self.analog,
         }

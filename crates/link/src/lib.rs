@@ -57,7 +57,7 @@ pub use layer::{LayerMove, LayerSettings, OhmicSensing, SheetSource};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
 pub use outputs::{ANALOG_INPUTS, AnalogInputs, Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};
-pub use probe::{ProbeArming, ProbeLatch, counts_at_edge};
+pub use probe::{ProbeArming, ProbeEdge, ProbeLatch, counts_at_edge};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
 pub use settings::{

@@ -6,8 +6,8 @@ use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::outputs::{ANALOG_INPUTS, AnalogInputs, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{
-    Alarm, CutterOff, GearState, HEIGHT_CONTROLS, HeightState, LayerMove, PathStart, ProbeArming, ProbeLatch,
-    RepeatedInstruction, SpindleStatus, SpindleTask,
+    Alarm, CutterOff, GearState, HEIGHT_CONTROLS, HeightState, LayerMove, PathStart, ProbeArming, ProbeEdge,
+    ProbeLatch, RepeatedInstruction, SpindleStatus, SpindleTask,
 };
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
@@ -254,9 +254,9 @@ pub struct CardStatus<const A: usize> {
     pub cutter_off: Option<CutterOff>,
     /// Latch of the probe.
     pub probe: ProbeLatch<A>,
-    /// Part of the period before, in units of 2⁻¹⁶, in which the probe's edge was that the latch has kept since this
-    /// period. Not in the status of the host.
-    pub probe_edge: Option<u16>,
+    /// The probe's edge that the latch has kept since this period, as seen from the end of the period before. Not in
+    /// the status of the host.
+    pub probe_edge: Option<ProbeEdge>,
     /// Measured state of the spindle. Over the line, the speed is reported where it changes.
     pub spindle: SpindleStatus,
 }

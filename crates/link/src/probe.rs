@@ -30,6 +30,30 @@ pub enum ProbeLatch<const A: usize> {
     Touched([i64; A]),
 }
 
+/// When the probe's first edge was, as a card reports it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ProbeEdge {
+    /// Whether it was in the control period before the last one: a step generator that plays a period while the next
+    /// one is computed has the pins one period behind the counts.
+    pub is_period_earlier: bool,
+    /// Part of that period, in units of 2⁻¹⁶.
+    pub part: u16,
+}
+
+impl ProbeEdge {
+    /// Returns the counts at this edge. `counts`, `increments`: of the last control period; `earlier`: the increments
+    /// of the one before.
+    #[must_use]
+    pub fn touch<const A: usize>(self, counts: &[i64; A], increments: &[i32; A], earlier: &[i32; A]) -> [i64; A] {
+        if !self.is_period_earlier {
+            return counts_at_edge(counts, increments, self.part);
+        }
+        let mut before = *counts;
+        before.iter_mut().zip(increments).for_each(|(count, &increment)| *count -= i64::from(increment));
+        counts_at_edge(&before, earlier, self.part)
+    }
+}
+
 /// Returns the counts at an edge in the control period that ended with `counts` and had these increments. `part`: the
 /// part of the period, in units of 2⁻¹⁶; a pulse of the same part counts as emitted.
 #[must_use]

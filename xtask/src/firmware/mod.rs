@@ -29,8 +29,8 @@ pub(crate) enum Order {
     Build(Vec<Build>),
     /// Start QEMU and wait.
     Emulate,
-    /// Everything that can be tested here.
-    Test,
+    /// Everything that can be tested here, or the checks whose names contain this.
+    Test(String),
     /// Print and check the sizes.
     Size(Vec<Build>),
 }
@@ -44,6 +44,9 @@ impl Order {
         let Some((&verb, options)) = words.split_first() else {
             return Err("`firmware` needs one of build, emulate, test, size".into());
         };
+        if verb == "test" {
+            return Ok(Self::Test(options.join(" ")));
+        }
         let (mut boards, mut crystal) = (Vec::new(), None);
         let mut rest = options.iter();
         while let Some(&option) = rest.next() {
@@ -61,9 +64,8 @@ impl Order {
         match verb {
             "build" => Ok(Self::Build(builds)),
             "size" => Ok(Self::Size(builds)),
-            "emulate" | "test" if !options.is_empty() => Err(format!("`firmware {verb}` takes no options")),
+            "emulate" if !options.is_empty() => Err(format!("`firmware {verb}` takes no options")),
             "emulate" => Ok(Self::Emulate),
-            "test" => Ok(Self::Test),
             other => Err(format!("`firmware` knows no `{other}`: build, emulate, test, size")),
         }
     }
@@ -82,7 +84,7 @@ pub(crate) fn run(root: &Path, order: &Order) -> bool {
         }),
         Order::Size(builds) => each(builds, |build| sections::hold(build, &build.run(root)?)),
         Order::Emulate => emulate(root).map(|()| true),
-        Order::Test => return test::run(root).passed,
+        Order::Test(part) => return test::run(root, part).passed,
     };
     done.unwrap_or_else(|reason| {
         eprintln!("firmware: {reason}");
@@ -92,7 +94,7 @@ pub(crate) fn run(root: &Path, order: &Order) -> bool {
 
 /// Result of `test`, as a step of the whole suite.
 pub(crate) fn test(root: &Path) -> test::Verdict {
-    test::run(root)
+    test::run(root, "")
 }
 
 fn each(builds: &[Build], mut task: impl FnMut(&Build) -> Result<bool, String>) -> Result<bool, String> {
@@ -127,9 +129,10 @@ mod tests {
         let one = vec![Build { board: Board::F401, crystal: Some(8), emulated: false }];
         assert_eq!(Order::read(&["build", "--board", "f401", "--crystal", "8"]), Ok(Order::Build(one)));
         assert_eq!(Order::read(&["emulate"]), Ok(Order::Emulate));
-        assert_eq!(Order::read(&["test"]), Ok(Order::Test));
+        assert_eq!(Order::read(&["test"]), Ok(Order::Test(String::new())));
+        assert_eq!(Order::read(&["test", "by", "the", "Pico"]), Ok(Order::Test("by the Pico".into())));
         for wrong in
-            [&[][..], &["flash"], &["build", "--board"], &["build", "--board", "f103"], &["test", "--board", "f405"]]
+            [&[][..], &["flash"], &["build", "--board"], &["build", "--board", "f103"], &["emulate", "--board", "f405"]]
         {
             assert!(Order::read(wrong).is_err(), "{wrong:?}");
         }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::build::{Board, Build};
-use super::pico_emulator::{self, AtFrequencyInput, Line, PicoEmulator};
+use super::pico_emulator::{self, AtInputs, Line, PicoEmulator};
 use super::sections::Budget;
 use super::test::job;
 use crate::suite;
@@ -40,7 +40,7 @@ impl Rig {
     /// # Errors
     /// It does not start.
     pub(super) fn start(&self, root: &Path, line: Line, event: Option<(&str, u32)>) -> Result<PicoEmulator, String> {
-        PicoEmulator::start(root, &self.image, line, event, AtFrequencyInput::Nothing)
+        PicoEmulator::start(root, &self.image, line, event, AtInputs::Nothing)
     }
 
     /// A command whose last argument is the emulator's line.
@@ -107,7 +107,7 @@ const DEVIATION: f64 = 480.0;
 pub(super) fn frequency(root: &Path) -> Result<bool, String> {
     let rig = Rig::build(root)?;
     for hz in FREQUENCIES_HZ {
-        let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtFrequencyInput::WaveHz(hz))?;
+        let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtInputs::WaveHz(hz))?;
         let mut command = rig.command(root, &["run", FREQUENCY_PROGRAM, "--card"], &emulator);
         let report = job(command.args(["--machine", MACHINE]))?;
         let _ = emulator.finish()?;
@@ -123,7 +123,7 @@ pub(super) fn frequency(root: &Path) -> Result<bool, String> {
 /// The step output of an axis, wired to the frequency input: what the owner of a board can do without an instrument.
 pub(super) fn step_test(root: &Path) -> Result<bool, String> {
     let rig = Rig::build(root)?;
-    let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtFrequencyInput::StepsOf(0))?;
+    let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtInputs::StepsOf(0))?;
     let mut command = rig.command(root, &["doctor"], &emulator);
     command.args(["--machine", MACHINE, "--step-test", "x", "--yes", "--json"]);
     let output = command.output().map_err(|error| format!("the command cannot be run: {error}"))?;
@@ -132,6 +132,37 @@ pub(super) fn step_test(root: &Path) -> Result<bool, String> {
         .map_err(|_| format!("the step test: {}", String::from_utf8_lossy(&output.stderr)))?;
     println!("step test of the Pico: {found}");
     Ok(found["step_test"]["passed"] == true)
+}
+
+/// The program that probes, its machine, and the surfaces of axis 2 at the pin of input 3: in pulses below the start,
+/// and the cycles from that pulse to the contact, half of those to the next pulse.
+const PROBE_PROGRAM: &str = "crates/firmware/emulated-probe.ngc";
+const PROBE_MACHINE: &str = "crates/firmware/emulated-probe.toml";
+const SURFACES: &str = "2,19,1003:6250,997:6250,1234:2500,61:62500,2001:2500,808:6250";
+
+/// Touches of a probe, whose moments the card captures.
+pub(super) fn probing(root: &Path) -> Result<bool, String> {
+    let rig = Rig::build(root)?;
+    let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtInputs::Probe(SURFACES))?;
+    let mut command = rig.command(root, &["run", PROBE_PROGRAM, "--card"], &emulator);
+    let output = command.args(["--machine", PROBE_MACHINE, "--json"]).output();
+    let output = output.map_err(|error| format!("the command cannot be run: {error}"))?;
+    let _ = emulator.finish()?;
+    let told = String::from_utf8_lossy(&output.stdout);
+    let depth = |text: &str| text.strip_prefix("touch -").and_then(|mm| mm.parse::<f64>().ok());
+    let touches: Vec<i64> = told
+        .lines()
+        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
+        .filter_map(|event| event["text"].as_str().and_then(depth))
+        .map(|mm| (mm * 1000.0).round() as i64)
+        .collect();
+    let surfaces: Vec<i64> =
+        SURFACES.split(',').skip(2).filter_map(|surface| surface.split(':').next()?.parse().ok()).collect();
+    println!("probing by the Pico: surfaces at {SURFACES}, touched at {touches:?}");
+    if touches == surfaces {
+        return Ok(true);
+    }
+    Err(format!("touched at {touches:?}: {}", String::from_utf8_lossy(&output.stderr)))
 }
 
 fn count(found: &Value, name: &str) -> u64 {

@@ -64,14 +64,16 @@ pub(super) enum EventState {
     Over,
 }
 
-/// What is connected to input 5, whose frequency the card measures.
+/// What is connected to the inputs.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum AtFrequencyInput {
+pub(super) enum AtInputs {
     Nothing,
-    /// A square wave.
+    /// A square wave at input 5, whose frequency the card measures.
     WaveHz(u32),
-    /// The step output of an axis.
+    /// The step output of an axis at input 5.
     StepsOf(u8),
+    /// A probe and surfaces, as `probe.mjs` has them.
+    Probe(&'static str),
 }
 
 /// The programs of the emulator: node, and the folder of rp2040js.
@@ -97,15 +99,16 @@ impl PicoEmulator {
         image: &Path,
         line: Line,
         event: Option<(&str, u32)>,
-        at_input: AtFrequencyInput,
+        at_inputs: AtInputs,
     ) -> Result<Self, String> {
         let (node, rp2040js) = can_emulate(root)?;
         let mut command = Command::new(node);
         command.arg(root.join(SCRIPT)).arg(image).arg(line.name()).env("RETRACE_RP2040JS", rp2040js);
-        match at_input {
-            AtFrequencyInput::Nothing => &mut command,
-            AtFrequencyInput::WaveHz(hz) => command.env("RETRACE_WAVE_HZ", hz.to_string()),
-            AtFrequencyInput::StepsOf(axis) => command.env("RETRACE_STEP_WIRE", axis.to_string()),
+        match at_inputs {
+            AtInputs::Nothing => &mut command,
+            AtInputs::WaveHz(hz) => command.env("RETRACE_WAVE_HZ", hz.to_string()),
+            AtInputs::StepsOf(axis) => command.env("RETRACE_STEP_WIRE", axis.to_string()),
+            AtInputs::Probe(surfaces) => command.env("RETRACE_PROBE", surfaces),
         };
         if let Some((name, pulses)) = event {
             command.args([name, &pulses.to_string()]);

@@ -7,6 +7,7 @@ use retrace_core::{Flags, Rate, RateTarget};
 use retrace_link::{CardStatus, CommandRefusal, ProbeArming};
 
 use super::Player;
+use crate::ProbeReading;
 use crate::window::RecordStorage;
 
 impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
@@ -22,10 +23,15 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         Ok(())
     }
 
+    /// Returns what the latch awaits.
+    pub(crate) const fn awaited_probe(&self) -> Option<ProbeArming> {
+        self.probe.awaited()
+    }
+
     /// Observes the probe at the end of the last period.
-    pub(crate) fn observe_probe(&mut self, active: u16, first_change: Option<u16>) {
+    pub(crate) fn observe_probe(&mut self, active: u16, probe: ProbeReading) {
         let status = &self.status;
-        self.probe.observe(active, first_change, &status.counts, &status.increments);
+        self.probe.observe(active, probe, &status.counts, &status.increments);
         (self.status.probe, self.status.probe_edge) = (self.probe.latch(), self.probe.edge());
     }
 

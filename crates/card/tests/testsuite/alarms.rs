@@ -390,21 +390,9 @@ fn actions_of_another_epoch_are_not_executed() {
 #[test]
 fn the_wheel_and_the_inputs_are_reported() {
     let mut card = opened(0);
-    card.run_period(InputLevels {
-        levels: PLAIN,
-        encoder: 65_530,
-        failed: false,
-        probe_change: None,
-        ..InputLevels::default()
-    });
+    card.run_period(InputLevels { levels: PLAIN, encoder: 65_530, failed: false, ..InputLevels::default() });
     assert_eq!((card.status().inputs, card.status().wheel), (PLAIN, 0));
-    card.run_period(InputLevels {
-        levels: 0xFFC0,
-        encoder: 4,
-        failed: false,
-        probe_change: None,
-        ..InputLevels::default()
-    });
+    card.run_period(InputLevels { levels: 0xFFC0, encoder: 4, failed: false, ..InputLevels::default() });
     assert_eq!((card.status().inputs, card.status().wheel), (0, 10));
 }
 

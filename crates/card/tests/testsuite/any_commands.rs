@@ -544,7 +544,7 @@ impl Witness {
             || self.begun.is_some() && self.instruction.is_some_and(|instruction| instruction.keeps_cutter);
         let lights = self.instruction;
         let begun = self.begun.is_some();
-        self.card.run_period(InputLevels { levels, encoder: 0, failed, probe_change: None, ..InputLevels::default() });
+        self.card.run_period(InputLevels { levels, encoder: 0, failed, ..InputLevels::default() });
         let now = self.status();
         assert_eq!(now.period, before.period + 1);
         self.check_pulses(&before, &now);

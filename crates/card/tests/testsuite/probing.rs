@@ -2,7 +2,7 @@
 //! PRB-10).
 
 use proptest::prelude::*;
-use retrace_card::InputLevels;
+use retrace_card::{InputLevels, ProbeReading};
 use retrace_core::fine::pulse_slots;
 use retrace_core::{Flags, Rate, Record, RecordIndex};
 use retrace_link::{
@@ -34,8 +34,9 @@ fn arming(active: bool, filter_periods: u16) -> HostCommand<2> {
     HostCommand::ArmProbe(ProbeArming { input: PROBE, active, filter_periods })
 }
 
-fn inputs(level: bool, probe_change: Option<u16>) -> InputLevels {
-    InputLevels { levels: if level { LEVEL } else { 0 }, probe_change, ..InputLevels::default() }
+fn inputs(level: bool, first_change: Option<u16>) -> InputLevels {
+    let probe = ProbeReading { first_change, is_period_behind: false };
+    InputLevels { levels: if level { LEVEL } else { 0 }, probe, ..InputLevels::default() }
 }
 
 fn run(card: &mut TestCard, inputs: InputLevels) {

@@ -4,6 +4,7 @@
 //! microcontroller.
 
 use retrace_card::spindle_pwm::PwmSignal;
+use retrace_card::{AwaitedProbe, ProbeReading};
 use retrace_firmware::AXES;
 use retrace_firmware::step_batch::StepBatch;
 use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
@@ -61,6 +62,16 @@ pub(crate) trait Board {
 
     /// Returns the levels of the inputs, one bit each.
     fn input_levels(&self) -> u16;
+
+    /// Returns the levels of the inputs, with that of the probe as far as it counts, and what is read of the probe.
+    /// Every board plays a control period while the next one is computed. One that does not capture the edge takes it
+    /// to be at the end of the period.
+    fn read_probe(&mut self, levels: u16) -> (u16, ProbeReading) {
+        (levels, ProbeReading { first_change: None, is_period_behind: true })
+    }
+
+    /// Captures this edge from now on, where the board can.
+    fn await_probe(&mut self, _awaited: Option<AwaitedProbe>) {}
 
     /// Returns the readings of the analog inputs, once in a control period; a board without any has none.
     fn analog_inputs(&mut self) -> AnalogInputs {

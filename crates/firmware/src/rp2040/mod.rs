@@ -9,6 +9,7 @@ pub mod pins;
 #[cfg(test)]
 mod pio_model;
 pub mod pio_programs;
+pub mod probe_capture;
 pub mod pwm;
 pub mod quadrature;
 pub mod step_words;

@@ -1,6 +1,6 @@
 //! The programs of the state machines (RP2040 data sheet, 3.4), as words.
 //!
-//! Invariant: the words are those of the listings beside them; `pio_model` runs them in tests.
+//! Invariant: the words are those of the listings beside them; `pio_model` runs those of the steps in tests.
 
 /// Places a side-set of one bit and a delay into an instruction.
 const fn with(instruction: u16, side: u16, delay: u16) -> u16 {
@@ -30,6 +30,11 @@ const fn move_from(destination: u16, source: u16) -> u16 {
 pub const fn set_high_loops(loops: u16) -> u16 {
     assert!(loops <= 31);
     with(0xe000 | Y << 5 | loops, 1, 0)
+}
+/// Returns `jmp target`.
+#[must_use]
+pub const fn jump_to(target: u16) -> u16 {
+    jump(0, target)
 }
 /// Returns the ticks that a step is high.
 #[must_use]
@@ -99,3 +104,43 @@ pub const FRAME: [u16; 4] = [0x80a0, with(out(Y, 32), 1, 3), move_from(X, X), ju
 pub const FRAME_TICKS: u32 = 7;
 /// Ticks that the gate is high.
 pub const GATE_TICKS: u32 = 4;
+
+/// From an edge of the probe to the beginning of the next control period: counts of two cycles, one word a period at
+/// most. Its first input pin is the probe, the pin of its jumps the gate.
+///
+/// ```text
+///  0        wait 0 pin 0
+///  1        wait 1 pin 0
+///  2        mov x, !null
+///  3 count: jmp pin seen
+///  4        jmp x-- count
+///  5 seen:  mov isr, !x
+///  6        push noblock
+/// ```
+///
+/// At [`CAPTURE_RISING_AT`] for a rising edge. The falling one, at [`CAPTURE_FALLING_AT`], waits the other way round.
+pub const CAPTURE_RISING: [u16; 7] = capture(CAPTURE_RISING_AT as u16, true);
+/// See [`CAPTURE_RISING`].
+pub const CAPTURE_FALLING: [u16; 7] = capture(CAPTURE_FALLING_AT as u16, false);
+/// Address of [`CAPTURE_RISING`], behind [`FRAME`].
+pub const CAPTURE_RISING_AT: usize = FRAME.len();
+/// Address of [`CAPTURE_FALLING`].
+pub const CAPTURE_FALLING_AT: usize = CAPTURE_RISING_AT + 7;
+
+const fn capture(at: u16, is_rising: bool) -> [u16; 7] {
+    const WAIT_FOR_PIN: u16 = 0x2020;
+    const PIN: u16 = 6;
+    const NULL: u16 = 3;
+    const INVERTED: u16 = 1 << 3;
+    const PUSH_WITHOUT_BLOCK: u16 = 0x8000;
+    let level = (is_rising as u16) << 7;
+    [
+        WAIT_FOR_PIN | level ^ 1 << 7,
+        WAIT_FOR_PIN | level,
+        move_from(X, INVERTED | NULL),
+        jump(PIN, at + 5),
+        jump(X_DECREMENT, at + 3),
+        move_from(ISR, INVERTED | X),
+        PUSH_WITHOUT_BLOCK,
+    ]
+}

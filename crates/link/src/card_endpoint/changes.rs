@@ -56,8 +56,8 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
 
     /// Adds entries for changes of the probe's latch.
     fn push_probe_changes(&mut self, status: &CardStatus<A>) {
-        if let Some(part) = status.probe_edge {
-            self.push(ReportEntry::ProbeEdge(part));
+        if let Some(edge) = status.probe_edge {
+            self.push(ReportEntry::ProbeEdge(edge));
         }
         let latch = match status.probe {
             ProbeLatch::Idle => ReportedLatch::Idle,

@@ -140,6 +140,8 @@ pub struct HostEndpoint<
     /// Place after the last entry.
     newest_place: Place,
     status: CardStatus<A>,
+    /// Increments of the control period before the last one.
+    earlier: [i32; A],
     /// The card's check of place and counts after the last entry.
     reported_crc: Option<u32>,
     /// Whether a report arrived that does not follow the last one.
@@ -224,6 +226,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
             entry_received: false,
             newest_place: Place::start_of(RecordIndex::new(0)),
             status: CardStatus::at_rest(PathStart::at(RecordIndex::new(0))),
+            earlier: [0; A],
             reported_crc: None,
             report_missing: false,
             off_path: false,
@@ -282,7 +285,8 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         (self.newest_place, self.reported_high) = (start.place, start.place.record);
         // The period number continues across epochs.
         self.status = CardStatus { counts, layer, period: self.status.period, ..CardStatus::at_rest(start) };
-        (self.reported_crc, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
+        (self.earlier, self.reported_crc, self.off_path) = ([0; A], None, false);
+        (self.refusals, self.fault, self.alarm) = (0, None, None);
         self.clearing = None;
         self.times.hello = 0;
         self.times.received = self.times.now;

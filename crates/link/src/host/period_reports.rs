@@ -8,7 +8,7 @@ use retrace_core::playback::emission;
 
 use super::{HostEndpoint, LinkError};
 use crate::wire::ReportEntry;
-use crate::{CardStatus, HEIGHT_CONTROLS, ProbeLatch, counts_at_edge, state_crc};
+use crate::{CardStatus, HEIGHT_CONTROLS, ProbeLatch, state_crc};
 
 impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
     HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
@@ -63,9 +63,9 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
             ReportEntry::Layer(layer) => self.status.layer = layer,
             ReportEntry::Height(state) => self.status.height = [state; HEIGHT_CONTROLS],
             ReportEntry::ProbeArmed => self.status.probe = ProbeLatch::Armed,
-            ReportEntry::ProbeEdge(part) => {
+            ReportEntry::ProbeEdge(edge) => {
                 let CardStatus { counts, increments, .. } = &self.status;
-                self.status.probe = ProbeLatch::Edge(counts_at_edge(counts, increments, part));
+                self.status.probe = ProbeLatch::Edge(edge.touch(counts, increments, &self.earlier));
             }
             ReportEntry::ProbeTouched => {
                 if let ProbeLatch::Edge(touch) = self.status.probe {
@@ -102,6 +102,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         status.period += 1;
         (status.place, status.rate, status.starved, status.at_rest) = (to, distance.per_period(), starved, at_rest);
         // at most nine records a period
+        self.earlier = status.increments;
         status.increments = increments.map(|pulses| pulses as i32);
         for (count, increment) in status.counts.iter_mut().zip(increments) {
             *count += increment;

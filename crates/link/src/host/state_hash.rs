@@ -24,8 +24,9 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         let Self {
             first_numbers, phase, nonce, greeting, boot, opening, key, probe, probing, settings, decoder, queue, base,
             count, sent, predicted, reported_high, target, sent_rate, rate_seq, acked_rate_seq, entries, first_waiting,
-            waiting, period_emitted, next_entry, entry_received, newest_place, status, reported_crc, report_missing,
-            off_path, refusals, fault, alarm, clearing, times, counts: _, frames: _, stage, staged, staged_kind,
+            waiting, period_emitted, next_entry, entry_received, newest_place, status, earlier, reported_crc,
+            report_missing, off_path, refusals, fault, alarm, clearing, times, counts: _, frames: _, stage, staged,
+            staged_kind,
         } = self;
         (first_numbers, phase, nonce, greeting, boot, opening, key, probe, probing, settings).hash(state);
         decoder.hash_state(state);
@@ -35,7 +36,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         (0..*waiting).for_each(|k| entries[usize::from(first_waiting.wrapping_add(k)) % ENTRIES].hash(state));
         (first_waiting, waiting, period_emitted, next_entry, entry_received, newest_place).hash(state);
         CardStatus { period: 0, ..*status }.hash(state);
-        (reported_crc, report_missing, off_path, refusals, fault, alarm, clearing).hash(state);
+        (earlier, reported_crc, report_missing, off_path, refusals, fault, alarm, clearing).hash(state);
         times.hash_state(now_us, state);
         (&stage[staged.0..staged.1], staged_kind).hash(state);
     }

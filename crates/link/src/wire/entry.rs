@@ -11,7 +11,7 @@
 use retrace_core::{Distance, Place, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
-use crate::{ANALOG_INPUTS, Alarm, CutterOff, CutterOffCause, GearState, HeightState, OutputChange};
+use crate::{ANALOG_INPUTS, Alarm, CutterOff, CutterOffCause, GearState, HeightState, OutputChange, ProbeEdge};
 
 /// One reported event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -51,8 +51,8 @@ pub enum ReportEntry {
     Layer(i32),
     /// The latch of the probe is armed; an edge that was reported before counts no more.
     ProbeArmed,
-    /// The probe's first edge, in this part of the period before, in units of 2⁻¹⁶.
-    ProbeEdge(u16),
+    /// The probe's first edge.
+    ProbeEdge(ProbeEdge),
     /// The edge counts: the probe has touched, and the card brakes.
     ProbeTouched,
     /// Measured speed of the spindle, in thousandths of a revolution per minute.
@@ -96,6 +96,7 @@ mod extended {
     pub(super) const PROBE_ARMED: u8 = 0x20;
     pub(super) const PROBE_EDGE: u8 = 0x21;
     pub(super) const PROBE_TOUCHED: u8 = 0x22;
+    pub(super) const PROBE_EDGE_EARLIER: u8 = 0x23;
     pub(super) const SPINDLE_SPEED: u8 = 0x30;
     pub(super) const GEAR: u8 = 0x31;
     pub(super) const ANALOG_INPUT: u8 = 0x40;
@@ -179,8 +180,9 @@ impl ReportEntry {
             }
             Self::Height(state) => writer.slice(&[EXTENDED, extended::HEIGHT, state.to_wire()]),
             Self::ProbeArmed => writer.slice(&[EXTENDED, extended::PROBE_ARMED]),
-            Self::ProbeEdge(part) => {
-                writer.slice(&[EXTENDED, extended::PROBE_EDGE])?;
+            Self::ProbeEdge(ProbeEdge { is_period_earlier, part }) => {
+                let code = if is_period_earlier { extended::PROBE_EDGE_EARLIER } else { extended::PROBE_EDGE };
+                writer.slice(&[EXTENDED, code])?;
                 writer.u16(part)
             }
             Self::ProbeTouched => writer.slice(&[EXTENDED, extended::PROBE_TOUCHED]),
@@ -247,7 +249,10 @@ impl ReportEntry {
             extended::LAYER => Self::Layer(reader.signed32()?),
             extended::HEIGHT => Self::Height(HeightState::from_wire(reader.u8()?)?),
             extended::PROBE_ARMED => Self::ProbeArmed,
-            extended::PROBE_EDGE => Self::ProbeEdge(reader.u16()?),
+            code @ (extended::PROBE_EDGE | extended::PROBE_EDGE_EARLIER) => Self::ProbeEdge(ProbeEdge {
+                is_period_earlier: code == extended::PROBE_EDGE_EARLIER,
+                part: reader.u16()?,
+            }),
             extended::PROBE_TOUCHED => Self::ProbeTouched,
             extended::SPINDLE_SPEED => Self::SpindleSpeed(reader.signed32()?),
             extended::ANALOG_INPUT => {

@@ -13,7 +13,7 @@ use retrace_link::{
     CuttingSettings, GearStart, GearState, HeightControlSettings, HeightSource, HeightState, HomingCommand,
     HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
     MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart,
-    ProbeArming, ProofInput, RepeatedInstruction, SheetSource, SpindleControl, SpindlePwm, SpindleSettings,
+    ProbeArming, ProbeEdge, ProofInput, RepeatedInstruction, SheetSource, SpindleControl, SpindlePwm, SpindleSettings,
     SpindleTask,
 };
 
@@ -208,7 +208,8 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<i32>().prop_map(ReportEntry::Layer),
         (0u8..5).prop_map(|code| ReportEntry::Height(HeightState::from_wire(code).expect("a state"))),
         Just(ReportEntry::ProbeArmed),
-        any::<u16>().prop_map(ReportEntry::ProbeEdge),
+        (any::<bool>(), any::<u16>())
+            .prop_map(|(is_period_earlier, part)| ReportEntry::ProbeEdge(ProbeEdge { is_period_earlier, part })),
         Just(ReportEntry::ProbeTouched),
     ]
 }

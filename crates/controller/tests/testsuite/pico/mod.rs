@@ -6,7 +6,7 @@
 use std::fmt;
 
 use retrace_card::spindle_pwm::{FULL, PwmSignal};
-use retrace_card::{InputLevels, LinkedCard as Card};
+use retrace_card::{InputLevels, LinkedCard as Card, ProbeReading};
 use retrace_config::MachineConfig;
 use retrace_controller::{
     CommandSources, JobOptions, JobStart, Observer, RunMode, ScriptPlayer, Telemetry, parse_script, run_job,
@@ -137,7 +137,7 @@ fn compare(
             levels: step.inputs,
             encoder,
             failed: false,
-            probe_change: None,
+            probe: ProbeReading { first_change: None, is_period_behind: true },
             ..InputLevels::default()
         });
         let pulses = card.card().pulses().map(i64::from);

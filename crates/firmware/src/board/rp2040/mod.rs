@@ -11,6 +11,7 @@ mod encoder;
 mod frequency_input;
 mod line;
 mod ports;
+mod probe_input;
 mod registers;
 mod serial;
 mod spindle_pwm;
@@ -19,6 +20,7 @@ mod usb_line;
 mod watchdog;
 
 use retrace_card::spindle_pwm::PwmSignal;
+use retrace_card::{AwaitedProbe, ProbeReading};
 use retrace_firmware::AXES;
 use retrace_firmware::rp2040::IDENTITY;
 use retrace_firmware::rp2040::frequency::FrequencyMeter;
@@ -27,12 +29,14 @@ use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
 
 use super::{Board, stopwatch};
 use line::Line;
+use probe_input::ProbeInput;
 use spindle_pwm::SpindlePwm;
 use step_generator::StepGenerator;
 
 /// A Raspberry Pi Pico or Pico 2.
 pub(crate) struct Rp2040 {
     steps: StepGenerator,
+    probe: ProbeInput,
     line: Line,
     spindle_pwm: SpindlePwm,
     frequency: FrequencyMeter,
@@ -46,12 +50,13 @@ impl Board for Rp2040 {
         clock::start();
         ports::start();
         stopwatch::start();
+        let probe = ProbeInput::start();
         let steps = StepGenerator::start();
         watchdog::start();
         encoder::start();
         let spindle_pwm = SpindlePwm::start();
         frequency_input::start();
-        Self { steps, line: Line::start(), spindle_pwm, frequency: FrequencyMeter::new() }
+        Self { steps, probe, line: Line::start(), spindle_pwm, frequency: FrequencyMeter::new() }
     }
 
     fn set_all_low() {
@@ -96,6 +101,14 @@ impl Board for Rp2040 {
 
     fn input_levels(&self) -> u16 {
         ports::input_levels()
+    }
+
+    fn read_probe(&mut self, levels: u16) -> (u16, ProbeReading) {
+        self.probe.read(levels, &self.steps)
+    }
+
+    fn await_probe(&mut self, awaited: Option<AwaitedProbe>) {
+        self.probe.await_edge(awaited);
     }
 
     fn analog_inputs(&mut self) -> AnalogInputs {

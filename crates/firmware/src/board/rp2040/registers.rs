@@ -247,6 +247,12 @@ impl Pio {
         self.register(0x10 + 4 * machine)
     }
 
+    /// Queue from a machine.
+    pub(super) const fn words(self, machine: usize) -> Register {
+        assert!(machine < 4);
+        self.register(0x20 + 4 * machine)
+    }
+
     /// An instruction of the block's program.
     pub(super) const fn instruction(self, at: usize) -> Register {
         assert!(at < 32);

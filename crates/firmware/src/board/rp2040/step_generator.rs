@@ -15,7 +15,7 @@ use retrace_firmware::rp2040::step_words::{StepAxis, StepTicks, StepWords};
 use retrace_firmware::step_batch::{StepBatch, StepShape};
 
 /// The machine of [`Pio::Frame`] that begins the periods.
-const FRAME_MACHINE: usize = 0;
+pub(super) const FRAME_MACHINE: usize = 0;
 const ALL_AXES: u32 = (1 << AXES) - 1;
 /// In the queues' state, by machine: its queue is empty. In their faults: it has waited for a word.
 const QUEUE_EMPTY: u32 = 1 << 24;
@@ -36,6 +36,8 @@ pub(super) struct StepGenerator {
     refused: u32,
     /// Periods that began late because their words were not there.
     late: u32,
+    /// Whether the last period began late.
+    began_late: bool,
 }
 
 impl StepGenerator {
@@ -52,6 +54,7 @@ impl StepGenerator {
             counted: [0; AXES],
             refused: 0,
             late: 0,
+            began_late: false,
         };
         generator.set_ticks();
         for axis in 0..AXES {
@@ -69,6 +72,17 @@ impl StepGenerator {
     pub(super) fn stop() {
         Pio::Steps.control().write(0);
         Pio::Frame.control().write(0);
+    }
+
+    /// Waits until the gate of a period that has just begun is low again: 6 ticks, 150 cycles at most.
+    pub(super) fn wait_behind_gate() {
+        let is_high = || matches!(Pio::Frame.address(FRAME_MACHINE).read(), 1 | 2);
+        let _ = (0..150).find(|_| !is_high());
+    }
+
+    /// Returns the planned cycles of the period before the one that is being made, and whether that began later.
+    pub(super) const fn last_period(&self) -> (u32, bool) {
+        (self.ticks.period * self.ticks.divider, self.began_late)
     }
 
     /// Whether the batch of the next control period can be put. Changes the timing of steps once all machines wait.
@@ -104,7 +118,8 @@ impl StepGenerator {
                 Pio::Steps.queue(axis).write(word);
             }
         }
-        if self.running && Pio::Frame.queue_faults().has(WAITED << FRAME_MACHINE) {
+        self.began_late = Pio::Frame.queue_faults().has(WAITED << FRAME_MACHINE);
+        if self.running && self.began_late {
             self.late = self.late.wrapping_add(1);
         }
         self.running = true;
