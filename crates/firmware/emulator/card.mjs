@@ -9,7 +9,8 @@
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
 // RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave; RETRACE_STEP_WIRE is
-// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs).
+// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs). RETRACE_FLASH_NUMBER are
+// the 16 hexadecimal digits of the flash's unique number.
 //
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
@@ -21,6 +22,7 @@
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
 import { findings } from './findings.mjs';
+import { Flash } from './flash.mjs';
 import { Probe } from './probe.mjs';
 import { Scope } from './scope.mjs';
 import { UsbHost } from './usb_host.mjs';
@@ -36,6 +38,7 @@ const GOES_ON = ['unplug', 'kill'];
 
 const board = new Board(image);
 const scope = new Scope(board);
+if (process.env.RETRACE_FLASH_NUMBER) new Flash(board, Buffer.from(process.env.RETRACE_FLASH_NUMBER, 'hex'));
 const uart = board.mcu.uart[0];
 // open contacts: the pull-ups hold them high
 for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);

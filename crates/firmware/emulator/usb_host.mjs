@@ -109,7 +109,7 @@ export class UsbHost {
     this.configuration = yield { setup: [0x80, 6, 0, 2, 0, 0, low, high] };
     yield { setup: [0x80, 6, 0, 3, 0, 0, 255, 0] };
     const names = [];
-    for (const name of [device[14], device[15]]) names.push(text(yield { setup: [0x80, 6, name, 3, 9, 4, 255, 0] }));
+    for (const name of [device[14], device[15], device[16]]) names.push(text(yield { setup: [0x80, 6, name, 3, 9, 4, 255, 0] }));
     this.names = names;
     this.findEndpoints();
     yield { setup: [0x00, 9, this.configuration[5], 0, 0, 0, 0, 0] };

@@ -25,6 +25,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Largest number of bytes on their way to the card.
 const UNDER_WAY: usize = 256;
 
+/// Unique number of the emulated flash.
+const FLASH_NUMBER: &str = "e4629c1207534b2d";
+/// The card's serial number that is mixed from it, as its USB name has it.
+pub(super) const SERIAL: &str = "E2D0F33C";
+
 /// A running emulator.
 pub(super) struct PicoEmulator {
     child: Child,
@@ -104,6 +109,7 @@ impl PicoEmulator {
         let (node, rp2040js) = can_emulate(root)?;
         let mut command = Command::new(node);
         command.arg(root.join(SCRIPT)).arg(image).arg(line.name()).env("RETRACE_RP2040JS", rp2040js);
+        command.env("RETRACE_FLASH_NUMBER", FLASH_NUMBER);
         match at_inputs {
             AtInputs::Nothing => &mut command,
             AtInputs::WaveHz(hz) => command.env("RETRACE_WAVE_HZ", hz.to_string()),

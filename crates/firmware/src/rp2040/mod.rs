@@ -13,6 +13,7 @@ pub mod probe_capture;
 pub mod pwm;
 pub mod quadrature;
 pub mod step_words;
+pub mod unique_number;
 pub mod usb_control;
 pub mod usb_frame;
 

@@ -14,10 +14,34 @@ pub const TO_HOST: u8 = 0x80;
 const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
 
-const DEVICE: [u8; 18] = {
+const DEVICE: [u8; 18] = device(3);
+/// The device without a serial number.
+const DEVICE_WITHOUT_SERIAL: [u8; 18] = device(0);
+
+/// Returns the descriptor of the device with this string as its serial number.
+const fn device(serial: u8) -> [u8; 18] {
     let ([vendor_low, vendor_high], [product_low, product_high]) = (VENDOR.to_le_bytes(), PRODUCT.to_le_bytes());
-    [18, 1, 0x00, 0x02, 2, 0, 0, PACKET as u8, vendor_low, vendor_high, product_low, product_high, 0, 1, 1, 2, 0, 1]
-};
+    [
+        18,
+        1,
+        0x00,
+        0x02,
+        2,
+        0,
+        0,
+        PACKET as u8,
+        vendor_low,
+        vendor_high,
+        product_low,
+        product_high,
+        0,
+        1,
+        1,
+        2,
+        serial,
+        1,
+    ]
+}
 /// Two interfaces: the serial port's control with its notifications, and its data.
 #[rustfmt::skip]
 const CONFIGURATION: [u8; 67] = [
@@ -52,6 +76,21 @@ const fn text<const N: usize>(ascii: &[u8]) -> [u8; N] {
     bytes
 }
 
+/// The serial number as a string descriptor: eight hexadecimal digits.
+pub type SerialText = [u8; 18];
+
+/// Returns the descriptor of this serial number.
+#[must_use]
+pub const fn serial_text(serial: u32) -> SerialText {
+    let mut digits = [0; 8];
+    let mut n = 0;
+    while n < digits.len() {
+        digits[n] = b"0123456789ABCDEF"[(serial >> (28 - 4 * n) & 15) as usize];
+        n += 1;
+    }
+    text(&digits)
+}
+
 /// Answer to a control request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlReply {
@@ -73,9 +112,9 @@ pub enum ControlReply {
     Refuse,
 }
 
-/// Returns the answer to a request.
+/// Returns the answer to a request to the card with this serial number.
 #[must_use]
-pub fn reply(setup: [u8; 8]) -> ControlReply {
+pub fn reply(setup: [u8; 8], serial: Option<&'static SerialText>) -> ControlReply {
     let [kind, request, low, high, index, _, length_low, length_high] = setup;
     let length = usize::from(u16::from_le_bytes([length_low, length_high]));
     let data = |bytes: &'static [u8]| ControlReply::Data(&bytes[..bytes.len().min(length)]);
@@ -87,11 +126,12 @@ pub fn reply(setup: [u8; 8]) -> ControlReply {
         // SET_ADDRESS, GET_DESCRIPTOR
         (0x00, 5) => ControlReply::Address(low & 0x7f),
         (0x80, 6) => match (high, low) {
-            (1, 0) => data(&DEVICE),
+            (1, 0) => data(if serial.is_some() { &DEVICE } else { &DEVICE_WITHOUT_SERIAL }),
             (2, 0) => data(&CONFIGURATION),
             (3, 0) => data(&LANGUAGES),
             (3, 1) => data(&MANUFACTURER),
             (3, 2) => data(&PRODUCT_NAME),
+            (3, 3) => serial.map_or(ControlReply::Refuse, |text| data(text)),
             _ => ControlReply::Refuse,
         },
         // GET_CONFIGURATION, SET_CONFIGURATION, GET_INTERFACE, SET_INTERFACE
@@ -112,6 +152,8 @@ pub fn reply(setup: [u8; 8]) -> ControlReply {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    static SERIAL: SerialText = serial_text(0x00ab_c123);
 
     /// The descriptors of the configuration, each with its length in front.
     fn descriptors() -> Vec<&'static [u8]> {
@@ -164,25 +206,38 @@ mod tests {
     }
 
     #[test]
+    fn a_card_with_a_serial_number_has_it_in_its_descriptors() {
+        assert_eq!(SERIAL[2..], *b"0\x000\0A\0B\0C\x001\x002\x003\0");
+        let strings = [3, 4].map(|string| reply([0x80, 6, string, 3, 9, 4, 255, 0], Some(&SERIAL)));
+        assert_eq!(strings, [ControlReply::Data(&SERIAL), ControlReply::Refuse]);
+        assert_eq!(reply([0x80, 6, 3, 3, 9, 4, 255, 0], None), ControlReply::Refuse);
+        let device = |serial| match reply([0x80, 6, 0, 1, 0, 0, 18, 0], serial) {
+            ControlReply::Data(bytes) => bytes[16],
+            other => panic!("{other:?}"),
+        };
+        assert_eq!([device(Some(&SERIAL)), device(None)], [3, 0], "the number of its string");
+    }
+
+    #[test]
     fn a_host_is_answered() {
-        assert_eq!(reply([0x80, 6, 0, 2, 0, 0, 9, 0]), ControlReply::Data(&CONFIGURATION[..9]));
-        assert_eq!(reply([0x80, 6, 0, 2, 0, 0, 255, 0]), ControlReply::Data(&CONFIGURATION));
-        assert_eq!(reply([0x00, 5, 17, 0, 0, 0, 0, 0]), ControlReply::Address(17));
-        assert_eq!(reply([0x00, 9, 1, 0, 0, 0, 0, 0]), ControlReply::Configure);
-        assert_eq!(reply([0x00, 9, 0, 0, 0, 0, 0, 0]), ControlReply::Unconfigure);
-        assert_eq!(reply([0x00, 9, 2, 0, 0, 0, 0, 0]), ControlReply::Refuse, "there is one configuration");
-        assert_eq!(reply([0x02, 1, 0, 0, 0x81, 0, 0, 0]), ControlReply::Restart(0x81));
-        assert_eq!(reply([0x21, 0x20, 0, 0, 0, 0, 7, 0]), ControlReply::Receive);
-        assert_eq!(reply([0x21, 0x20, 0, 0, 0, 0, 65, 0]), ControlReply::Refuse, "more than a packet");
-        assert_eq!(reply([0x21, 0x22, 3, 0, 0, 0, 0, 0]), ControlReply::Acknowledge);
+        assert_eq!(reply([0x80, 6, 0, 2, 0, 0, 9, 0], None), ControlReply::Data(&CONFIGURATION[..9]));
+        assert_eq!(reply([0x80, 6, 0, 2, 0, 0, 255, 0], None), ControlReply::Data(&CONFIGURATION));
+        assert_eq!(reply([0x00, 5, 17, 0, 0, 0, 0, 0], None), ControlReply::Address(17));
+        assert_eq!(reply([0x00, 9, 1, 0, 0, 0, 0, 0], None), ControlReply::Configure);
+        assert_eq!(reply([0x00, 9, 0, 0, 0, 0, 0, 0], None), ControlReply::Unconfigure);
+        assert_eq!(reply([0x00, 9, 2, 0, 0, 0, 0, 0], None), ControlReply::Refuse, "there is one configuration");
+        assert_eq!(reply([0x02, 1, 0, 0, 0x81, 0, 0, 0], None), ControlReply::Restart(0x81));
+        assert_eq!(reply([0x21, 0x20, 0, 0, 0, 0, 7, 0], None), ControlReply::Receive);
+        assert_eq!(reply([0x21, 0x20, 0, 0, 0, 0, 65, 0], None), ControlReply::Refuse, "more than a packet");
+        assert_eq!(reply([0x21, 0x22, 3, 0, 0, 0, 0, 0], None), ControlReply::Acknowledge);
         // the descriptor of a device of high speed
-        assert_eq!(reply([0x80, 6, 0, 6, 0, 0, 10, 0]), ControlReply::Refuse);
+        assert_eq!(reply([0x80, 6, 0, 6, 0, 0, 10, 0], None), ControlReply::Refuse);
     }
 
     proptest! {
         #[test]
         fn no_answer_is_longer_than_requested(setup: [u8; 8]) {
-            if let ControlReply::Data(bytes) = reply(setup) {
+            if let ControlReply::Data(bytes) = reply(setup, Some(&SERIAL)) {
                 prop_assert!(bytes.len() <= usize::from(u16::from_le_bytes([setup[6], setup[7]])));
                 prop_assert_eq!(setup[0] & TO_HOST, TO_HOST, "data in the direction of the request");
             }

@@ -14,10 +14,10 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// Starts both lines.
-    pub(super) fn start() -> Self {
+    /// Starts both lines. `serial`: the card's serial number, by which a computer tells two cards from each other.
+    pub(super) fn start(serial: Option<u32>) -> Self {
         serial::start();
-        Self { usb: UsbLine::start(), selector: LineSelector::new() }
+        Self { usb: UsbLine::start(serial), selector: LineSelector::new() }
     }
 
     /// Whether neither line has a byte.

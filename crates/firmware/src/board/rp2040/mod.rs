@@ -16,15 +16,18 @@ mod registers;
 mod serial;
 mod spindle_pwm;
 mod step_generator;
+#[cfg_attr(feature = "rp2040", path = "unique_number_rp2040.rs")]
+#[cfg_attr(feature = "rp2350", path = "unique_number_rp2350.rs")]
+mod unique_number;
 mod usb_line;
 mod watchdog;
 
 use retrace_card::spindle_pwm::PwmSignal;
 use retrace_card::{AwaitedProbe, ProbeReading};
-use retrace_firmware::AXES;
 use retrace_firmware::rp2040::IDENTITY;
 use retrace_firmware::rp2040::frequency::FrequencyMeter;
 use retrace_firmware::step_batch::StepBatch;
+use retrace_firmware::{AXES, boot};
 use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
 
 use super::{Board, stopwatch};
@@ -40,6 +43,7 @@ pub(crate) struct Rp2040 {
     line: Line,
     spindle_pwm: SpindlePwm,
     frequency: FrequencyMeter,
+    unique_number: [u32; 3],
 }
 
 impl Board for Rp2040 {
@@ -56,7 +60,10 @@ impl Board for Rp2040 {
         encoder::start();
         let spindle_pwm = SpindlePwm::start();
         frequency_input::start();
-        Self { steps, probe, line: Line::start(), spindle_pwm, frequency: FrequencyMeter::new() }
+        let unique_number = unique_number::read();
+        let line = Line::start(unique_number.map(boot::serial_number));
+        let unique_number = unique_number.unwrap_or_default();
+        Self { steps, probe, line, spindle_pwm, frequency: FrequencyMeter::new(), unique_number }
     }
 
     fn set_all_low() {
@@ -72,7 +79,7 @@ impl Board for Rp2040 {
     }
 
     fn unique_number(&self) -> [u32; 3] {
-        [0; 3]
+        self.unique_number
     }
 
     fn line_is_silent(&mut self) -> bool {

@@ -208,6 +208,26 @@ impl Pll {
     }
 }
 
+/// The line to the flash (RP2040 data sheet, 4.10.13), and the control of its select pin (2.19.6.2).
+#[cfg(feature = "rp2040")]
+mod flash_line {
+    use super::Register;
+
+    const SSI: usize = 0x1800_0000;
+    pub(in super::super) const SSI_CONTROL: Register = Register(SSI);
+    pub(in super::super) const SSI_ENABLE: Register = Register(SSI + 0x08);
+    pub(in super::super) const SSI_CLOCK: Register = Register(SSI + 0x14);
+    pub(in super::super) const SSI_STATUS: Register = Register(SSI + 0x28);
+    pub(in super::super) const SSI_DATA: Register = Register(SSI + 0x60);
+    pub(in super::super) const FLASH_SELECT_CONTROL: Register = Register(0x4001_800c);
+}
+#[cfg(feature = "rp2040")]
+pub(super) use flash_line::*;
+
+/// The chip's number, in two words (RP2350 data sheet, 13.5.2).
+#[cfg(feature = "rp2350")]
+pub(super) const CHIP_NUMBER: [Register; 2] = [Register(0x4013_0000), Register(0x4013_0004)];
+
 /// One of the two blocks of four state machines (data sheet, 3.7).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Pio {

@@ -7,7 +7,9 @@ use super::registers::{
     TIMER_NOW, USB_ADDRESS, USB_BUFFERS_DONE, USB_CONTROL, USB_FRAME, USB_LINES, USB_POWER, USB_REFUSE,
     USB_SIE_CONTROL, USB_SIE_STATUS, usb_memory,
 };
-use retrace_firmware::rp2040::usb_control::{ControlReply, DATA_ENDPOINT, PACKET, TO_HOST, reply};
+use retrace_firmware::rp2040::usb_control::{
+    ControlReply, DATA_ENDPOINT, PACKET, SerialText, TO_HOST, reply, serial_text,
+};
 use retrace_firmware::rp2040::usb_frame::UsbFrame;
 
 /// Words of the controller's memory, and where things are in it: the control of endpoints, of their buffers, and the
@@ -68,6 +70,8 @@ impl Buffer {
 
 /// The USB line.
 pub(super) struct UsbLine {
+    /// Serial number as a string descriptor.
+    serial: Option<&'static SerialText>,
     /// Address that is valid after the acknowledgement of its request.
     address: Option<u8>,
     /// Bytes of an answer that were not sent yet.
@@ -90,8 +94,8 @@ pub(super) struct UsbLine {
 }
 
 impl UsbLine {
-    /// Starts the controller and shows the host that there is a device.
-    pub(super) fn start() -> Self {
+    /// Starts the controller and shows the host that there is a device. Once only.
+    pub(super) fn start(serial: Option<u32>) -> Self {
         for word in 0..MEMORY_WORDS {
             usb_memory(word).write(0);
         }
@@ -101,7 +105,9 @@ impl UsbLine {
         USB_CONTROL.write(1);
         USB_SIE_CONTROL.write(1 << 29);
         USB_SIE_CONTROL.set_bits(1 << 16);
+        let serial = serial.and_then(|number| cortex_m::singleton!(: SerialText = serial_text(number)));
         Self {
+            serial: serial.map(|text| &*text),
             address: None,
             answer: &[],
             awaits_data: false,
@@ -175,7 +181,7 @@ impl UsbLine {
         let setup = core::array::from_fn(|n| words[n / 4][n % 4]);
         self.control_kind = DATA_1;
         (self.address, self.answer, self.awaits_data) = (None, &[], false);
-        match reply(setup) {
+        match reply(setup, self.serial) {
             ControlReply::Data(bytes) => {
                 self.answer = bytes;
                 // the host's acknowledgement
