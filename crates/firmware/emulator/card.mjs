@@ -16,8 +16,9 @@
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
 // control periods stops), `panic` (the firmware finds a defect of its own), `cut` (the line is cut, in both
 // directions), `unplug` (the USB cable is pulled out, the card keeps its power), `kill` (the other side is to end the
-// host; what it sends meanwhile is lost, and its port is closed). It is over half a second of the chip's time later, or
-// with the reset by the watchdog. The run ends then; after `unplug` and `kill` the card can be reached again, and the
+// host; what it sends meanwhile is lost, and its port is closed), `reset` (the supply breaks down for a moment: every pin
+// is an input at once, and the chip starts anew; over UART0, whose adapter stays). It is over half a second of the chip's time later, or
+// with the reset by the watchdog. The run ends then; after `unplug`, `kill` and `reset` the card can be reached again, and the
 // run continues.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
@@ -34,14 +35,12 @@ const AFTER_EVENT = 62_500_000;
 const SPINDLE = 14;
 const [FIRST_STEP_PIN, FREQUENCY_PIN] = [2, 21];
 const INPUTS = [16, 17, 18, 19, 20, 21, 27, 28];
-const GOES_ON = ['unplug', 'kill'];
+const GOES_ON = ['unplug', 'kill', 'reset'];
 
-const board = new Board(image);
-const scope = new Scope(board);
+let board = new Board(image);
+let scope = new Scope(board);
 if (process.env.RETRACE_FLASH_NUMBER) new Flash(board, Buffer.from(process.env.RETRACE_FLASH_NUMBER, 'hex'));
-const uart = board.mcu.uart[0];
-// open contacts: the pull-ups hold them high
-for (const pin of INPUTS) board.mcu.gpio[pin].setInputValue(true);
+connectPins();
 if (process.env.RETRACE_WAVE_HZ) board.startWave(FREQUENCY_PIN, +process.env.RETRACE_WAVE_HZ);
 if (process.env.RETRACE_STEP_WIRE) board.wire(FIRST_STEP_PIN + +process.env.RETRACE_STEP_WIRE, FREQUENCY_PIN);
 if (process.env.RETRACE_PROBE) new Probe(board, scope, process.env.RETRACE_PROBE);
@@ -51,10 +50,25 @@ const fromCard = [];
 let [ended, cut, isOver, isReady, nextByte, received, happened] = [false, false, false, false, 0, 0, undefined];
 /** Cycles from the event until the spindle was off. */
 let spindleOff;
-uart.onByte = (byte) => !cut && line === 'uart' && fromCard.push(byte);
 const usb = line === 'usb' ? new UsbHost(board, (bytes) => fromCard.push(...bytes)) : undefined;
 process.stdin.on('data', (bytes) => bytes.forEach((byte) => toCard.push(byte)));
 process.stdin.on('end', () => (ended = true));
+
+function connectPins() {
+  const { gpio, uart } = board.mcu;
+  // open contacts: the pull-ups hold them high
+  for (const pin of INPUTS) gpio[pin].setInputValue(true);
+  uart[0].onByte = (byte) => !cut && line === 'uart' && fromCard.push(byte);
+}
+
+/** Another chip in its place, with the same image: nothing of the RAM is left. */
+function startAnew() {
+  board = new Board(image);
+  scope = new Scope(board);
+  happened = { at: 0, pulses: 0 };
+  nextByte = 0;
+  connectPins();
+}
 
 const spindleIsOn = () => board.mcu.gpio[SPINDLE].value === 1;
 
@@ -65,6 +79,7 @@ function happen() {
   if (event === 'kill') usb.setOpen(false);
   if (event === 'freeze') board.frozen = true;
   if (event === 'stuck') board.stopFrameMachine();
+  if (event === 'reset') startAnew();
   if (event === 'panic') board.mcu.core.PC = board.addressOf('rust_begin_unwind') & ~1;
   send(2, 1, []);
 }
@@ -79,6 +94,7 @@ function endEvent() {
 }
 
 function feed() {
+  const uart = board.mcu.uart[0];
   if (usb) return feedUsb();
   if (toCard.length === 0 || board.cycles < nextByte || uart.rxFIFO.full) return;
   const byte = toCard.shift();

@@ -102,7 +102,8 @@ export class Scope {
 
   edge(axis, high) {
     const now = this.board.cycles;
-    this.lastEdge = now;
+    // a pin that becomes an output is no edge
+    if (high || this.rose[axis] > -Infinity) this.lastEdge = now;
     if (high) {
       const sign = this.direction[axis];
       this.rose[axis] = now;
@@ -130,7 +131,7 @@ export class Scope {
       pwm.last = [pwm.fell - pwm.began, now - pwm.began];
     }
     if (high) [pwm.rose, pwm.began] = [now, now];
-    else pwm.fell = now;
+    else if (pwm.rose > -Infinity) pwm.fell = now;
   }
 
   /** The last cycle of the output for S: cycles that it was high, and in all; its level where that does not change. */

@@ -32,15 +32,17 @@ struct Failure {
     /// Whether the end of the command is waited for, which takes some seconds. To the command a card that is silent for
     /// one cause is as silent for another.
     is_noticed: bool,
-    /// Whether the card can be reached again.
-    goes_on: bool,
+    /// Whether the card can be reached again, and the alarm that it shows then.
+    goes_on: Option<Option<&'static str>>,
 }
 
 /// The failures. The firmware finds a defect of its own: no step and no output from then on. The processor does nothing
 /// any more: the steps end with the period that was queued, and the watchdog resets the chip. No control period begins
 /// any more: the firmware sets all outputs low within 100 ms. The line is cut, the USB cable is pulled out, or the host
-/// is killed: the card stops on the path after its watchdog time of 250 ms, and the spindle is off.
-const FAILURES: [Failure; 6] = [
+/// is killed: the card stops on the path after its watchdog time of 250 ms, and the spindle is off. The supply breaks down
+/// for a moment: the chip starts anew with another number of its start and counts of 0, and what the host still sends
+/// moves nothing.
+const FAILURES: [Failure; 7] = [
     Failure {
         event: "panic",
         line: Line::Uart,
@@ -51,14 +53,14 @@ const FAILURES: [Failure; 6] = [
                 && seen["high_pins"] == serde_json::json!([])
         },
         is_noticed: true,
-        goes_on: false,
+        goes_on: None,
     },
     Failure {
         event: "freeze",
         line: Line::Usb,
         judge: |seen| within(seen, "steps_ended", 2 * CYCLES_PER_MS) && within(seen, "watchdog", 51 * CYCLES_PER_MS),
         is_noticed: false,
-        goes_on: false,
+        goes_on: None,
     },
     Failure {
         event: "stuck",
@@ -69,11 +71,24 @@ const FAILURES: [Failure; 6] = [
                 && seen["high_pins"] == serde_json::json!([])
         },
         is_noticed: false,
-        goes_on: false,
+        goes_on: None,
     },
-    Failure { event: "cut", line: Line::Uart, judge: host_is_silent, is_noticed: false, goes_on: false },
-    Failure { event: "unplug", line: Line::Usb, judge: host_is_silent, is_noticed: true, goes_on: true },
-    Failure { event: "kill", line: Line::Usb, judge: host_is_silent, is_noticed: false, goes_on: true },
+    Failure { event: "cut", line: Line::Uart, judge: host_is_silent, is_noticed: false, goes_on: None },
+    Failure {
+        event: "unplug",
+        line: Line::Usb,
+        judge: host_is_silent,
+        is_noticed: true,
+        goes_on: Some(Some(SILENT_HOST)),
+    },
+    Failure {
+        event: "kill",
+        line: Line::Usb,
+        judge: host_is_silent,
+        is_noticed: false,
+        goes_on: Some(Some(SILENT_HOST)),
+    },
+    Failure { event: "reset", line: Line::Uart, judge: nothing_moves, is_noticed: true, goes_on: Some(None) },
 ];
 
 /// Whether the card has done what it has to without a host. It runs then, and its output for S does not end its cycle
@@ -82,6 +97,12 @@ fn host_is_silent(seen: &Value) -> bool {
     let goes_low_at_once =
         seen["spindle_off"].as_u64().is_some_and(|off| within(seen, "pwm_off", off + CYCLES_PER_MS / 50));
     is_off_within(seen, 260 * CYCLES_PER_MS) && within(seen, "steps_ended", 450 * CYCLES_PER_MS) && goes_low_at_once
+}
+
+/// Whether the card that has started anew has made no step, and has no output on.
+fn nothing_moves(seen: &Value) -> bool {
+    let is_low = seen["high_pins"] == serde_json::json!([]);
+    seen["pulses_after"] == 0 && is_low && within(seen, "spindle_off", CYCLES_PER_MS)
 }
 
 /// Whether the spindle was off by then, and the output for its speed low.
@@ -118,7 +139,10 @@ fn run(root: &Path, rig: &Rig, failure: &Failure) -> Result<(), String> {
         }
         host.kill();
     }
-    let greeting = if failure.goes_on { Some(identify(root, rig, &emulator)?) } else { None };
+    let greeting = match failure.goes_on {
+        Some(alarm) => Some((identify(root, rig, &emulator)?, alarm)),
+        None => None,
+    };
     let found = emulator.finish()?;
     let seen = &found["event"];
     println!("emulation of the Pico: {}", describe(failure, seen));
@@ -128,13 +152,13 @@ fn run(root: &Path, rig: &Rig, failure: &Failure) -> Result<(), String> {
     if found["wrong"] != 0 {
         return Err(format!("makes other pulses than ordered: {}", found["wrong_first"]));
     }
-    greeting.map_or(Ok(()), |greeting| compare(&greeting, &found))
+    greeting.map_or(Ok(()), |(greeting, alarm)| compare(&greeting, alarm, &found))
 }
 
 /// Checks that the card at rest reports the position of the pins, and why it has stopped.
-fn compare(greeting: &Value, found: &Value) -> Result<(), String> {
+fn compare(greeting: &Value, alarm: Option<&str>, found: &Value) -> Result<(), String> {
     let reported = (&greeting["at_rest"], &greeting["alarm"]["number"], &greeting["counts"]);
-    if reported != (&Value::Bool(true), &Value::from(SILENT_HOST), &found["net"]) {
+    if reported != (&Value::Bool(true), &Value::from(alarm), &found["net"]) {
         return Err(format!("ends at the counts {}, and the card reports {greeting}", found["net"]));
     }
     Ok(())
@@ -220,8 +244,10 @@ mod tests {
     #[test]
     fn a_position_that_is_not_that_of_the_pins_is_seen() {
         let greeting = serde_json::json!({"at_rest": true, "alarm": {"number": "E3011"}, "counts": [1, 2]});
-        assert!(compare(&greeting, &serde_json::json!({"net": [1, 2]})).is_ok());
-        assert!(compare(&greeting, &serde_json::json!({"net": [1, 3]})).is_err());
-        assert!(compare(&serde_json::json!({}), &serde_json::json!({})).is_err());
+        let alarm = Some(SILENT_HOST);
+        assert!(compare(&greeting, alarm, &serde_json::json!({"net": [1, 2]})).is_ok());
+        assert!(compare(&greeting, alarm, &serde_json::json!({"net": [1, 3]})).is_err());
+        assert!(compare(&greeting, None, &serde_json::json!({"net": [1, 2]})).is_err());
+        assert!(compare(&serde_json::json!({}), None, &serde_json::json!({})).is_err());
     }
 }

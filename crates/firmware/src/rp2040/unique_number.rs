@@ -5,7 +5,7 @@
 /// Makers of flash whose unique number is of 16 bytes that differ in the last ones only: Zetta.
 const MAKERS_OF_LONG_NUMBERS: [u8; 1] = [0xba];
 
-/// Returns the unique number of a flash of this maker (JEDEC), from the bytes behind the command; `None` if it has none.
+/// Returns the unique number of a flash of this maker (JEDEC) from the bytes behind the command; `None` if it has none.
 #[must_use]
 pub fn of_flash(maker: u8, bytes: &[u8; 16]) -> Option<[u32; 3]> {
     let word = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
