@@ -39,9 +39,9 @@ struct Failure {
 /// The failures. The firmware finds a defect of its own: no step and no output from then on. The processor does nothing
 /// any more: the steps end with the period that was queued, and the watchdog resets the chip. No control period begins
 /// any more: the firmware sets all outputs low within 100 ms. The line is cut, the USB cable is pulled out, or the host
-/// is killed: the card stops on the path after its watchdog time of 250 ms, and the spindle is off. The supply breaks down
-/// for a moment: the chip starts anew with another number of its start and counts of 0, and what the host still sends
-/// moves nothing.
+/// is killed: the card stops on the path after its watchdog time of 250 ms, and the spindle is off. The supply breaks
+/// down for a moment: the chip starts anew with another number of its start and counts of 0, and what the host still
+/// sends moves nothing.
 const FAILURES: [Failure; 7] = [
     Failure {
         event: "panic",
