@@ -3,7 +3,6 @@
 //! Invariant: a task that cannot be executed says so and fails; no step reports a success that it has not observed.
 #![forbid(unsafe_code)]
 
-mod beside;
 mod campaign;
 mod figures;
 mod firmware;

@@ -2,7 +2,6 @@
 //!
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
-use crate::beside::{self, FirmwareTests};
 use crate::campaign::SPARKPLUG_HOST;
 use crate::{firmware, tidy};
 use retrace_task_support::{process, tools};
@@ -11,7 +10,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// One step: its purpose, and its command.
@@ -26,8 +25,6 @@ pub(crate) struct Step {
 pub(crate) struct Settings {
     /// Whether a test fails whose peer (rs274, programs of others) is missing here.
     pub(crate) require_peers: bool,
-    /// Whether the step `firmware` runs beside the step `browser`.
-    firmware_beside: bool,
 }
 
 /// Result of a step.
@@ -48,14 +45,14 @@ pub(crate) const STEPS: &[Step] = &[
         run: browser_step,
     },
     Step {
-        name: "firmware",
-        purpose: "the card on a microcontroller: its tests here, its size, a run in QEMU",
-        run: firmware_step,
-    },
-    Step {
         name: "verify",
         purpose: "the properties of verification/ hold, as far as a quick run goes",
         run: verify_step,
+    },
+    Step {
+        name: "firmware",
+        purpose: "the card on a microcontroller: its tests here, its size, a run in QEMU",
+        run: firmware_step,
     },
     Step { name: "doctest", purpose: "the examples in the documents run", run: doc_tests },
     Step { name: "rustdoc", purpose: "the documents build without a warning", run: rustdoc },
@@ -67,8 +64,6 @@ pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
     if tools::browser().is_none() && (only.is_empty() || only.contains(&"browser")) {
         println!("NOT RUN  browser: {NO_BROWSER}");
     }
-    let firmware_beside = only.is_empty() || ["browser", "firmware"].iter().all(|name| only.contains(name));
-    let settings = &Settings { firmware_beside, ..settings.clone() };
     for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
         println!("--- {}: {}", step.name, step.purpose);
         let (started, used) = (Instant::now(), processor_time());
@@ -153,10 +148,6 @@ const BROWSERS: usize = 5;
 
 /// The tests of the page in a browser.
 fn browser_step(root: &Path, settings: &Settings) -> Outcome {
-    if settings.firmware_beside {
-        let started = FirmwareTests::start(root, TESTED_COMMAND.get().map(PathBuf::as_path));
-        *FIRMWARE_TESTS.lock().unwrap_or_else(PoisonError::into_inner) = started;
-    }
     if tools::browser().is_none() {
         return Outcome { passed: !settings.require_peers, remark: format!("NOT RUN: {NO_BROWSER}") };
     }
@@ -212,14 +203,7 @@ fn verify_step(root: &Path, _: &Settings) -> Outcome {
     }
 }
 
-/// The tests of the firmware that run beside those in the browser.
-static FIRMWARE_TESTS: Mutex<Option<FirmwareTests>> = Mutex::new(None);
-
 fn firmware_step(root: &Path, _: &Settings) -> Outcome {
-    if let Some(beside) = FIRMWARE_TESTS.lock().unwrap_or_else(PoisonError::into_inner).take() {
-        let (passed, remark) = beside.end();
-        return Outcome { passed, remark };
-    }
     let verdict = firmware::test(root);
     Outcome { passed: verdict.passed, remark: verdict.remark }
 }
@@ -246,9 +230,8 @@ fn build_with_tests(root: &Path) -> Result<PathBuf, String> {
 
 /// Builds the `retrace` command in the tests' own profile, unless that was done, and returns where cargo put it.
 pub(crate) fn build_command(root: &Path) -> Result<PathBuf, String> {
-    let tested = TESTED_COMMAND.get().cloned().or_else(|| std::env::var_os(beside::TESTED_COMMAND).map(PathBuf::from));
-    if let Some(binary) = tested {
-        return Ok(binary);
+    if let Some(binary) = TESTED_COMMAND.get() {
+        return Ok(binary.clone());
     }
     let arguments = ["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
     process::build(&mut process::cargo(root, &arguments))
