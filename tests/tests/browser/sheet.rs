@@ -171,6 +171,7 @@ fn a_frame_says_what_it_goes_round_before_anything_moves() {
         user.wait("getComputedStyle(document.querySelector('.frame-line')).display === 'none'");
 
         // Beyond a soft limit the extents of before are not shown any more, and the frame is refused.
+        user.wait("import('/page/app.js').then(({ pathView: { store } }) => store.allows('mdi'))");
         user.tap("#tab-mdi", "");
         user.tap(".mdi-text", "");
         user.type_text("G10 L2 P1 X250");

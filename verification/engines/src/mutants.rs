@@ -45,8 +45,8 @@ struct Copy {
     folder: PathBuf,
 }
 
-/// Runs the mutants of the rows against their killers. A quick run tries the first of a row for each source file, and
-/// none of the thread models, which a copy of the checkout takes minutes to build.
+/// Runs the mutants of the rows against their killers. A quick run takes the first of a row for each source file, and
+/// of these each [`EACH`]th, some 10 s; none of the thread models, which a copy of the checkout takes minutes to build.
 pub(crate) fn run(job: &Job<'_>) {
     let trials = trials(job);
     let is_model = |trial: &Trial<'_>| matches!(trial.killer, Killer::Model(_));
@@ -116,6 +116,9 @@ fn of_proof(mutant: &Mutant, proof: Proof) -> (Verdict, String) {
     }
 }
 
+/// A quick run tries one of so many mutants of different files.
+const EACH: usize = 7;
+
 fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
     let few = job.quick && !job.is_slice;
     let (mut trials, mut files) = (Vec::new(), BTreeSet::new());
@@ -128,7 +131,8 @@ fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
                 None => Killer::Search,
             };
             let is_model = matches!(killer, Killer::Model(_));
-            if !few || number == 0 && !is_model && files.insert(&mutant.file) {
+            let is_slice = number == 0 && !is_model && files.insert(&mutant.file) && files.len() % EACH == 1;
+            if !few || is_slice {
                 trials.push(Trial { mutant, killer });
             } else if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
                 // one that is not tried must apply nevertheless
