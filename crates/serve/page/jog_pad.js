@@ -6,7 +6,7 @@
 
 import { button, element, isOff, setChildren, setOff } from './element.js';
 import { confirm } from './dialog.js';
-import { formatStep, jogSteps, orderNumber } from './units.js';
+import { feedUnit, formatFeed, formatStep, jogSteps, orderNumber } from './units.js';
 import { onSettingChange } from './settings.js';
 import { sign } from './signs.js';
 
@@ -55,7 +55,7 @@ export class JogPad {
     this.stepButtons = [null, ...this.stepsMm].map((mm, index) =>
       element(
         'button',
-        { type: 'button', role: 'radio', on: { click: () => this.setStep(index === 0 ? null : index - 1) } },
+        { type: 'button', role: 'radio', on: { click: () => this.choose(index === 0 ? null : index - 1) } },
         mm === null ? 'held' : formatStep(mm),
       ),
     );
@@ -167,13 +167,29 @@ export class JogPad {
     });
   }
 
+  /** Chooses a step, and says how far or how fast a jog goes then. */
+  choose(index) {
+    this.setStep(index);
+    this.orders.notices.inform(
+      index === null ? `Jog: held to run, ${this.heldSpeeds()}` : `Jog step: ${formatStep(this.stepsMm[index])}`,
+    );
+  }
+
+  /** Speeds of a held jog, axes of the same speed together: `X Y 3000 mm/min, Z 900 mm/min`. */
+  heldSpeeds() {
+    const letters = new Map();
+    for (const { letter, is_linear, jog_mm_s } of this.store.hello.machine.axes) {
+      const [feed, unit] = is_linear ? [formatFeed(60 * jog_mm_s), feedUnit()] : [(60 * jog_mm_s).toFixed(0), '°/min'];
+      const speed = `${feed} ${unit}`;
+      letters.set(speed, [...(letters.get(speed) ?? []), letter.toUpperCase()]);
+    }
+    return [...letters].map(([speed, axes]) => `${axes.join(' ')} ${speed}`).join(', ');
+  }
+
   nextStep() {
     this.end();
     const order = [...this.stepsMm.keys(), null];
-    this.setStep(order[(order.indexOf(this.stepIndex) + 1) % order.length]);
-    this.orders.notices.inform(
-      `Jog step: ${this.stepIndex === null ? 'held to run' : formatStep(this.stepsMm[this.stepIndex])}`,
-    );
+    this.choose(order[(order.indexOf(this.stepIndex) + 1) % order.length]);
   }
 
   nextAxis() {

@@ -55,6 +55,7 @@ struct AxisView {
     letter: char,
     travel_mm: [f64; 2],
     is_linear: bool,
+    jog_mm_s: f64,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -105,6 +106,7 @@ impl HelloView {
             letter: axis.letter,
             travel_mm: axis.travel_mm,
             is_linear: !axis.is_rotary(),
+            jog_mm_s: axis.jog_mm_s,
         });
         let outputs = (0u8..)
             .zip(&facts.output_names)

@@ -22,6 +22,8 @@ pub struct AxisFacts {
     pub pulses_per_mm: f64,
     /// Soft limits, mm (degrees).
     pub travel_mm: [f64; 2],
+    /// Jog speed, mm (degrees) per second.
+    pub jog_mm_s: f64,
 }
 
 impl AxisFacts {
@@ -163,6 +165,7 @@ impl ProgramFacts {
             letter: axis.name,
             pulses_per_mm: axis.pulses_per_mm,
             travel_mm: axis.travel_mm,
+            jog_mm_s: axis.jog_mm_s(),
         });
         Self {
             machine: machine.name.clone(),

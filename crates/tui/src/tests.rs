@@ -168,7 +168,9 @@ fn the_screens_are_as_they_were_looked_at() {
 
 fn with_messages(texts: &[&str]) -> ScreenModel {
     let letters = ['x', 'y', 'z'];
-    let axes = letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec();
+    let axes = letters
+        .map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0], jog_mm_s: 1.0 })
+        .to_vec();
     let mut model = ScreenModel::new(Arc::new(ProgramFacts { axes, ..ProgramFacts::default() }));
     texts.iter().for_each(|message| model.add_message(1.0, 0, *message));
     model

@@ -40,6 +40,10 @@ fn a_held_jog_button_moves_and_stops_on_release() {
         machine.wait("motion back", |report| report["live"]["mm"][0].as_f64() < from.map(|from| from - 1.0));
         user.key_up("ArrowLeft");
         machine.wait_for_rest();
+        // How fast a held jog goes, in the line for the last message: that of the jog has come by then.
+        std::thread::sleep(Duration::from_millis(500));
+        user.tap(".jog-steps [role=radio]", "held");
+        user.wait_for_text("#message-line", "Jog: held to run, X Y Z");
     }
 }
 

@@ -48,7 +48,7 @@ fn the_steps_at_the_wire_are_those_that_were_ordered() {
 #[test]
 fn a_signal_and_a_killed_host_end_the_test_at_rest() {
     // In a move, and between two.
-    for (signal, after_ms) in [("-INT", 700), ("-INT", 900), ("-INT", 1000), ("-INT", 1100), ("-KILL", 900)] {
+    for (signal, after_ms) in [("-TERM", 700), ("-TERM", 900), ("-TERM", 1000), ("-TERM", 1100), ("-KILL", 900)] {
         let bench = Bench::new();
         let vcd = bench.path("pins.vcd");
         let card = ServedCard::with(&["--step-wire", "x", "--vcd", &vcd.display().to_string()]);

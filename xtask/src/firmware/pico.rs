@@ -138,7 +138,7 @@ pub(super) fn step_test(root: &Path) -> Result<bool, String> {
 /// and the cycles from that pulse to the contact, half of those to the next pulse.
 const PROBE_PROGRAM: &str = "crates/firmware/emulated-probe.ngc";
 const PROBE_MACHINE: &str = "crates/firmware/emulated-probe.toml";
-const SURFACES: &str = "2,19,1003:6250,997:6250,1234:2500,61:62500,2001:2500,808:6250";
+const SURFACES: &str = "2,19,1003:6250,1234:2500,61:62500";
 
 /// Touches of a probe, whose moments the card captures.
 pub(super) fn probing(root: &Path) -> Result<bool, String> {

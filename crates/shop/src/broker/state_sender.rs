@@ -4,6 +4,7 @@
 
 use std::time::{Duration, Instant};
 
+use async_nats::jetstream::message::StreamMessage;
 use retrace_config::NumberedError;
 use retrace_journal::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,8 @@ use crate::machine_report::MachineReport;
 const INTERVAL: Duration = Duration::from_secs(1);
 /// Time after which an unchanged state is sent again: it says that the agent is there.
 const REPEAT_INTERVAL: Duration = Duration::from_secs(5);
+/// States that are asked for at a time.
+const AT_A_TIME: usize = 16;
 /// Age of a state from which the machine counts as not reporting.
 pub const MAX_STATE_AGE: Duration = Duration::from_secs(15);
 
@@ -155,16 +158,24 @@ pub fn machine_states(broker: &BrokerConnection) -> Result<Vec<(MachineName, Mac
         let found = stream.info_with_subjects("$KV.machines.*.state").await.map_err(|error| error.to_string())?;
         found.map_ok(|(subject, _)| subject).try_collect::<Vec<String>>().await.map_err(|error| error.to_string())
     })?;
-    let mut states = Vec::new();
-    for subject in subjects {
-        let name = subject.strip_prefix("$KV.machines.").and_then(|rest| rest.strip_suffix(".state"));
-        let Some(name) = name.and_then(|name| name.parse::<MachineName>().ok()) else { continue };
-        let last = stream.direct_get_last_for_subject(subject.clone());
-        let message = broker.run(ANSWER_LIMIT, "a state", last)?;
-        // a text of another version is left out
-        states.extend(serde_json::from_slice(&message.payload).ok().map(|state| (name, state)));
-    }
-    states.sort_by(|(a, _), (b, _): &(MachineName, MachineState)| a.cmp(b));
+    let named = subjects.into_iter().filter_map(|subject| {
+        let name = subject.strip_prefix("$KV.machines.").and_then(|rest| rest.strip_suffix(".state"))?;
+        Some((name.parse::<MachineName>().ok()?, subject))
+    });
+    // A broker may be far away: several are asked for at a time.
+    let messages = broker.run(ANSWER_LIMIT, "the states", async {
+        use futures_util::{StreamExt, TryStreamExt};
+        let asked = futures_util::stream::iter(named).map(async |(name, subject)| {
+            stream.direct_get_last_for_subject(subject).await.map(|message| (name, message))
+        });
+        asked.buffer_unordered(AT_A_TIME).try_collect::<Vec<_>>().await
+    })?;
+    // a text of another version is left out
+    let read = |(name, message): (MachineName, StreamMessage)| {
+        serde_json::from_slice(&message.payload).ok().map(|state| (name, state))
+    };
+    let mut states: Vec<(MachineName, MachineState)> = messages.into_iter().filter_map(read).collect();
+    states.sort_by(|(a, _), (b, _)| a.cmp(b));
     Ok(states)
 }
 

@@ -48,7 +48,7 @@ prop_compose! {
         (planned_s, feed) in (prop::option::of(0.0..1e12f64), 0.0..1e9f64),
     ) -> ScreenModel {
         let letters = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
-        let axis = |letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] };
+        let axis = |letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0], jog_mm_s: 1.0 };
         let tool = ToolFacts { number: 3, diameter_mm: 1.0, length_mm: 2.0, name: words.clone() };
         let facts = ProgramFacts {
             axes: letters[..axes].iter().copied().map(axis).collect(),
@@ -174,7 +174,9 @@ fn measure_the_redraw() {
     let lines: String = (0..100_000).map(|n| format!("N{n} G1 X{}.{n:03} Y{}.5 F2400\n", n % 97, n % 89)).collect();
     let letters = ['x', 'y', 'z'];
     let facts = ProgramFacts {
-        axes: letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec(),
+        axes: letters
+            .map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0], jog_mm_s: 1.0 })
+            .to_vec(),
         period_s: 0.001,
         program: Text::new("long.ngc", &lines),
         planned: Planned::Known(1000.0),
