@@ -2,6 +2,7 @@
 //!
 //! Invariant: a browser that hangs is ended; it never hangs the tests.
 
+use std::io::ErrorKind::{Interrupted, WouldBlock};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
@@ -152,7 +153,14 @@ impl DebuggingSocket {
             set(&stream, Some(CALL_TIMEOUT)).expect("a socket");
         }
         let address = format!("ws://{host}/{path}");
-        let (socket, _) = tungstenite::client(address, stream).expect("the browser speaks its protocol");
+        let mut handshake = tungstenite::client(address, stream);
+        let socket = loop {
+            match handshake {
+                Ok((socket, _)) => break socket,
+                Err(tungstenite::HandshakeError::Interrupted(again)) => handshake = again.handshake(),
+                Err(error) => panic!("the browser speaks its protocol: {error}"),
+            }
+        };
         socket.get_ref().set_read_timeout(Some(POLL)).expect("a socket");
         Self { socket, last_call: 0, complaints: Vec::new() }
     }
@@ -196,7 +204,7 @@ impl DebuggingSocket {
         let text = match self.socket.read() {
             Ok(Message::Text(text)) => text,
             Ok(_) => return Ok(None),
-            Err(tungstenite::Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => return Ok(None),
+            Err(tungstenite::Error::Io(error)) if matches!(error.kind(), WouldBlock | Interrupted) => return Ok(None),
             Err(error) => return Err(format!("the browser is gone: {error}")),
         };
         let message: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
