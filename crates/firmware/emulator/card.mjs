@@ -39,8 +39,7 @@ const GOES_ON = ['unplug', 'kill', 'reset'];
 
 let board = new Board(image);
 let scope = new Scope(board);
-if (process.env.RETRACE_FLASH_NUMBER) new Flash(board, Buffer.from(process.env.RETRACE_FLASH_NUMBER, 'hex'));
-connectPins();
+connect();
 if (process.env.RETRACE_WAVE_HZ) board.startWave(FREQUENCY_PIN, +process.env.RETRACE_WAVE_HZ);
 if (process.env.RETRACE_STEP_WIRE) board.wire(FIRST_STEP_PIN + +process.env.RETRACE_STEP_WIRE, FREQUENCY_PIN);
 if (process.env.RETRACE_PROBE) new Probe(board, scope, process.env.RETRACE_PROBE);
@@ -54,8 +53,10 @@ const usb = line === 'usb' ? new UsbHost(board, (bytes) => fromCard.push(...byte
 process.stdin.on('data', (bytes) => bytes.forEach((byte) => toCard.push(byte)));
 process.stdin.on('end', () => (ended = true));
 
-function connectPins() {
+function connect() {
   const { gpio, uart } = board.mcu;
+  const number = process.env.RETRACE_FLASH_NUMBER;
+  if (number) new Flash(board, Buffer.from(number, 'hex'));
   // open contacts: the pull-ups hold them high
   for (const pin of INPUTS) gpio[pin].setInputValue(true);
   uart[0].onByte = (byte) => !cut && line === 'uart' && fromCard.push(byte);
@@ -67,7 +68,7 @@ function startAnew() {
   scope = new Scope(board);
   happened = { at: 0, pulses: 0 };
   nextByte = 0;
-  connectPins();
+  connect();
 }
 
 const spindleIsOn = () => board.mcu.gpio[SPINDLE].value === 1;

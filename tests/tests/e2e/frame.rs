@@ -36,10 +36,14 @@ fn is_at(page: &Page, (x, y): (f64, f64)) -> bool {
     (page.machine_mm(0) - x).abs() < 0.01 && (page.machine_mm(1) - y).abs() < 0.01
 }
 
-/// Whether the way over this point is as long as the straight line, to 1 µm and the pulse.
+/// Whether this point is on the line, within two pulses of 5 µm.
 fn is_between(at: (f64, f64), from: (f64, f64), to: (f64, f64)) -> bool {
-    let length = |a: (f64, f64), b: (f64, f64)| (b.0 - a.0).hypot(b.1 - a.1);
-    length(from, at) + length(at, to) - length(from, to) < 0.01
+    const TWO_PULSES_MM: f64 = 0.01;
+    let (along, off) = ((to.0 - from.0, to.1 - from.1), (at.0 - from.0, at.1 - from.1));
+    let length = along.0.hypot(along.1);
+    let beside = (along.0 * off.1 - along.1 * off.0) / length;
+    let ahead = (along.0 * off.0 + along.1 * off.1) / length;
+    beside.abs() < TWO_PULSES_MM && (-TWO_PULSES_MM..=length + TWO_PULSES_MM).contains(&ahead)
 }
 
 fn is_on(page: &Page, name: &str) -> bool {

@@ -116,7 +116,7 @@ fn of_proof(mutant: &Mutant, proof: Proof) -> (Verdict, String) {
     }
 }
 
-/// A quick run tries one of so many mutants of different files.
+/// A quick run tries one in so many of the mutants of different files.
 const EACH: usize = 7;
 
 fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
@@ -131,8 +131,8 @@ fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
                 None => Killer::Search,
             };
             let is_model = matches!(killer, Killer::Model(_));
-            let is_slice = number == 0 && !is_model && files.insert(&mutant.file) && files.len() % EACH == 1;
-            if !few || is_slice {
+            let is_tried = number == 0 && !is_model && files.insert(&mutant.file) && files.len() % EACH == 1;
+            if !few || is_tried {
                 trials.push(Trial { mutant, killer });
             } else if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
                 // one that is not tried must apply nevertheless

@@ -9,8 +9,8 @@ use retrace_link::sequence::FirstNumbers;
 use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_command};
 use retrace_link::{
     Alarm, CardSettings, CommandRefusal, CutterOff, CutterOffCause, HomingCommand, HostCommand, HostEndpoint,
-    Instruction, LinkError, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel, next_epoch, session_key,
-    state_crc,
+    Instruction, LinkError, OutputChange, PROTOCOL, PathStart, ProbeEdge, ProbeLatch, RepeatedInstruction, channel,
+    counts_at_edge, next_epoch, session_key, state_crc,
 };
 
 const NONCE: u32 = 7;
@@ -705,6 +705,26 @@ fn every_entry_is_applied_to_the_status() {
     let status = *bench.host.status();
     assert_eq!((status.wheel, status.cutter_off, status.repeated, status.starved), (0, None, 10, true));
     assert!(!bench.host.next_period());
+}
+
+/// A card whose pins are a period behind reports an edge of the period before the last one: the host counts the pulses
+/// of that period, as the card does.
+#[test]
+fn an_edge_of_the_period_before_is_counted_in_that_period() {
+    let mut bench = HostBench::new(STARTS[1]);
+    let of = |offset: u32| record(START + offset).increments.map(i32::from);
+    // the last one is not like the one before it
+    let last = (1..WINDOW).find(|&last| of(last) != of(last - 1)).expect("records differ");
+    (0..=last + 1).for_each(|offset| bench.send_ahead(offset));
+    let _ = bench.frames();
+    let edge = ProbeEdge { is_period_earlier: true, part: 1 << 15 };
+    let entries = [ran(Distance::RECORD, last + 1), ReportEntry::ProbeEdge(edge), REST];
+    bench.report(Report { first: 1, entries: &entries, length: last + 2, ..Report::default() });
+    assert!((0..last).all(|_| bench.host.next_period()));
+    let end = bench.host.status().counts;
+    assert!(bench.host.next_period() && bench.host.next_period());
+    let touch = counts_at_edge(&end, &of(last - 1), edge.part);
+    assert_eq!(bench.host.status().probe, ProbeLatch::Edge(touch));
 }
 
 #[test]
