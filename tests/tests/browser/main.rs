@@ -21,6 +21,7 @@ use retrace_tests::command::Bench;
 use retrace_tests::not_run::not_run;
 use retrace_tests::page_client::PageServer;
 use retrace_tests::page_user::{PageUser, Screen};
+use retrace_tests::pause::pause;
 use serde_json::Value;
 
 /// Markup with a script, where a page expects a text.
@@ -99,12 +100,19 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Waits until the machine is at rest, and stays so. Returns its report.
+    /// Waits until the machine stays at rest: one that follows a handwheel stands between its detents too. Returns the
+    /// report in which it stood for a while.
     fn wait_for_rest(&self) -> Value {
-        let report = self.wait("rest", |report| report["live"]["at_rest"] == true && report["live"]["rate"] == 0.0);
-        std::thread::sleep(std::time::Duration::from_millis(300));
-        let later = self.report();
-        assert_eq!(later["live"]["record"], report["live"]["record"], "it stands");
-        later
+        let is_at_rest = |report: &Value| report["live"]["at_rest"] == true && report["live"]["rate"] == 0.0;
+        let begun = std::time::Instant::now();
+        loop {
+            let report = self.wait("rest", is_at_rest);
+            pause(std::time::Duration::from_millis(300));
+            let later = self.report();
+            if is_at_rest(&later) && later["live"]["record"] == report["live"]["record"] {
+                return later;
+            }
+            assert!(begun.elapsed().as_secs() < 90, "it does not stay at rest: {later:#}");
+        }
     }
 }
