@@ -78,7 +78,7 @@ fn a_card_that_is_switched_off_loses_its_position_and_the_machine_keeps_it() {
     assert_eq!(summary["periods_apart"], 0, "{summary}");
 }
 
-fn signal(process: &Child, name: &str) {
+pub(crate) fn signal(process: &Child, name: &str) {
     let sent = Command::new("kill").args([format!("-{name}"), process.id().to_string()]).status();
     assert!(sent.is_ok_and(|status| status.success()), "{name}");
 }

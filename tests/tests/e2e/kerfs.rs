@@ -2,11 +2,16 @@
 //!
 //! Invariant: the figures are those of the pins, counted by the trace of the simulated card.
 
+use std::process::Stdio;
+use std::time::Duration;
+
 use retrace_tests::command::Bench;
+use retrace_tests::pause::pause;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::{ServedCard, resume_to_end};
 
+use crate::card::signal;
 use crate::height_control::{bench, is_cutting, x};
 
 /// A contour along X = 60 mm, and another one across it at Y = 30 mm.
@@ -68,4 +73,54 @@ fn a_resumed_job_knows_the_kerfs_that_were_cut() {
         assert!(beside > 5, "{faults}: {beside}");
         assert_eq!(over == 0, is_kerf, "{faults}: {over}");
     }
+}
+
+/// An arc that is lost shortly before a kerf, for which the card has the hold ahead, and a contour that is skipped: the
+/// torch passes the place without its arc, and in the next contour it follows its voltage.
+#[test]
+fn a_hold_that_was_ordered_ahead_ends_with_its_contour() {
+    let program = PROGRAM.replace("G0 X0 Y0\n", "G0 X10 Y70\nM3\nG1 X110\nM5\nG0 X0 Y0\n");
+    let bench = bench(HEIGHT, &program);
+    let (_, trace) = run(&bench, "lose@75,warp=40", "at 12s skip contour\n");
+    let third = trace.windows(2).filter(|pair| is_cutting(pair) && pair[1].counts[1] == 14_000);
+    let moves = third.filter(|pair| pair[0].layer != pair[1].layer).count();
+    assert!(moves > 50, "{moves}");
+}
+
+fn within_s(seconds: u32, is_so: impl Fn() -> bool) -> bool {
+    let look = |_| {
+        pause(Duration::from_millis(10));
+        is_so()
+    };
+    (0..seconds * 100).any(look)
+}
+
+/// A computer that stands still before the torch comes to a kerf, and until it is beyond: the card holds the height at
+/// the place that it was given before, and no longer than until the computer is back.
+#[test]
+fn a_computer_that_stands_still_moves_no_torch_over_a_kerf() {
+    let bench = bench(HEIGHT, PROGRAM);
+    let text = std::fs::read_to_string(bench.path("m.toml")).expect("a machine file");
+    bench.file("m.toml", format!("look_ahead_s = 1.5\n{text}"));
+    let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd").display().to_string());
+    let card = ServedCard::with(&["--machine", &machine, "--source-faults", "warp=40", "--vcd", &vcd]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let mut host = bench.start(&run, Stdio::null(), "run.txt");
+    let has_begun = || {
+        let told = std::fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
+        told.lines().filter(|line| line.contains("\"switched\"") && line.contains("\"M3\"")).count() == 2
+    };
+    assert!(within_s(30, has_begun), "the second contour begins");
+    // From about 15 mm before the kerf to 10 mm behind it.
+    pause(Duration::from_millis(700));
+    signal(&host, "STOP");
+    pause(Duration::from_millis(500));
+    signal(&host, "CONT");
+    let code = host.wait().expect("it ends").code();
+    let told = std::fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
+    assert_eq!(code, Some(0), "{told}");
+    let _ = card.end();
+    let trace = samples(&bench.path("pins.vcd"));
+    assert_eq!(moves(&trace, [-1.4, 1.4]), 0);
+    assert!(moves(&trace, [20.0, 45.0]) > 5, "it follows the voltage again");
 }

@@ -6,7 +6,8 @@
 mod kerf_hold;
 
 use retrace_config::HeightControlOfCutter;
-use retrace_link::{MotionCard, OutputChange, Outputs, channel};
+use retrace_core::RecordIndex;
+use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs, channel};
 
 use super::Session;
 use crate::operator::{CommandError, HeightCommand};
@@ -30,6 +31,8 @@ pub(super) struct HeightByHand {
     is_off: bool,
     /// Whether it stays because the torch comes to a kerf.
     is_over_kerf: bool,
+    /// Place ahead at which the card will hold it, for a kerf there.
+    hold_ahead: Option<RecordIndex>,
 }
 
 impl HeightByHand {
@@ -64,10 +67,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// Holds the height over a kerf, or does not any more. What cannot be sent yet is sent in a later period.
-    pub(super) fn hold_over_kerf(&mut self, holds: bool) {
+    /// Holds the height over a kerf, or does not any more, as where the card held it at a place that was ordered before
+    /// the path changed. What cannot be sent yet is sent in a later period.
+    fn hold_over_kerf(&mut self, holds: bool, status: &CardStatus<A>) {
         let height = HeightByHand { is_over_kerf: holds, ..self.height };
-        if holds == self.height.is_over_kerf {
+        let stays = status.outputs[usize::from(channel::HEIGHT_OFFSET)] == channel::HEIGHT_STAYS;
+        let is_left_over = stays && !holds && !self.height.is_off && !self.manual_outputs.has_unreported();
+        if holds == self.height.is_over_kerf && !is_left_over {
             return;
         }
         let value = height.output(self.height_offset());
@@ -87,7 +93,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn outputs_as_set(&self, outputs: &Outputs) -> Outputs {
         let mut outputs = *outputs;
         let offset = &mut outputs[usize::from(channel::HEIGHT_OFFSET)];
-        if self.height.is_over_kerf && !self.height.is_off && *offset == channel::HEIGHT_STAYS {
+        if !self.height.is_off && *offset == channel::HEIGHT_STAYS {
             *offset = self.height_offset();
         }
         outputs
