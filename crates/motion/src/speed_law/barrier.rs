@@ -89,10 +89,14 @@ impl BarrierSolver {
         // The speeds at both ends are given, and may be the highest allowed.
         (self.caps[0], self.caps[n - 1][0]) = ([f64::MAX; 2], f64::MAX);
         self.first.clone_from(&self.c);
-        self.used.clear();
-        // Where a share is not known yet.
-        self.used.extend(used.iter().map(|&used| if used > 0.0 { used } else { USED }));
+        self.permit(used);
         self.lay_rows(path);
+    }
+
+    /// Lets each segment use this share of its limits, and where that is 0, not known yet, the usual one.
+    pub(crate) fn permit(&mut self, used: &[f64]) {
+        self.used.clear();
+        self.used.extend(used.iter().map(|&used| if used > 0.0 { used } else { USED }));
     }
 
     fn lay_rows<const A: usize>(&mut self, path: LawWindow<'_, A>) {

@@ -61,10 +61,16 @@ impl SpeedLawRefiner {
             return None;
         }
         self.lower_by_excess(path, used);
+        let mut is_lowered = true;
         for _ in 0..ROUNDS {
             self.solver.return_to_first();
             if !self.solver.finish() {
-                return None;
+                // So much lower, the limits may leave no law from the state at the start: then as much as is known.
+                if !std::mem::take(&mut is_lowered) {
+                    return None;
+                }
+                self.solver.permit(used);
+                continue;
             }
             if self.lower_used_shares(path) {
                 let law = self.profiles(path);

@@ -81,3 +81,12 @@ fn a_refined_program_depends_on_nothing_but_itself() {
         }
     }
 }
+
+/// A long line into a chain of short ones. The law of one window, lowered by what it exceeds between the points, leaves
+/// none from the state at its start: 1693 control periods if that window remains as it was planned.
+#[test]
+fn a_window_is_refined_although_its_first_law_exceeds_much() {
+    let moves = wandering(118, -0.3, -1.0, PathMode::blend(0.05));
+    let best = play_in(PlanMode::Best, MachineLimits::built_in(), &moves[1640..1700], usize::MAX);
+    assert!(best.records.len() <= 1650, "{} control periods", best.records.len());
+}
