@@ -172,7 +172,7 @@ impl fmt::Display for DncEvent {
                 write!(f, "the spindle runs again: {} rpm {}", revolutions(*speed), direction(*spindle))
             }
             DncStep::Jogged { axis, mm, cut_short, off } => {
-                let short = if *cut_short { ", cut short" } else { "" };
+                let short = if *cut_short { ", stopped early" } else { "" };
                 write!(f, "{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())?;
                 if off.get().is_empty() { Ok(()) } else { write!(f, "; off the breakpoint by {:?} counts", off.get()) }
             }

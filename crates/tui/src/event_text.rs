@@ -54,7 +54,7 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
         EventKind::Dnc(dnc) => match dnc.step {
             DncStep::Paused { .. } => "paused: breakpoint saved".into(),
             DncStep::Jogged { axis, mm, cut_short, .. } => {
-                let short = if cut_short { ", cut short" } else { "" };
+                let short = if cut_short { ", stopped early" } else { "" };
                 format!("{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())
             }
             DncStep::ToolLength { axis, by_mm, length_mm, .. } => {

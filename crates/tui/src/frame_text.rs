@@ -23,13 +23,16 @@ pub fn extents_mm(model: &ScreenModel) -> Option<[[f64; 2]; 2]> {
 pub(crate) fn question(model: &ScreenModel, shape: FrameShape) -> Vec<String> {
     let what = match shape {
         FrameShape::Rectangle => "the rectangle around what is cut, along X and Y of the machine",
-        FrameShape::Outline => "the outline of what is cut",
+        FrameShape::Outline => "the tight hull of what is cut, lead-ins included, whose sides need not be the part's",
     };
     let mut lines = vec![format!("The tool GOES ROUND {what}, cutters off.")];
     if let Some([x, y]) = extents_mm(model) {
         let place = format!("X{:.1} to X{:.1}, Y{:.1} to Y{:.1} of the machine", x[0], x[1], y[0], y[1]);
         lines.push(format!("It lies within {place}."));
     }
+    lines.push(
+        "First up to the safe height, where it is lower, then straight to the first corner, at the jog speed.".into(),
+    );
     lines.push("y go round · Space stops it · any other key: cancel".into());
     lines
 }

@@ -166,6 +166,8 @@ pub(crate) struct KeyState {
     /// Direction, and index of the rate, that was requested last.
     last_rate: Option<(Mode, usize)>,
     last_turn: Option<(bool, u64, i32)>,
+    /// When a key of a continuous jog was pressed last, ms.
+    jogged_at_ms: u64,
     /// Override that was requested last, in per cent, and when: the model may not show it yet.
     overridden: Option<(f64, u64)>,
 }
@@ -260,7 +262,8 @@ impl KeyState {
         if key == Key::Esc {
             self.alarm_aside = true;
             let is_refusal = model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal);
-            return is_refusal.then_some(UiCommand::CloseRefusal);
+            let forgets = model.stage == ScreenStage::Setup && !model.sheet_points.is_empty();
+            return is_refusal.then_some(UiCommand::CloseRefusal).or(forgets.then_some(UiCommand::ForgetSheet));
         }
         let Some(row) = keys::row_of(key, Situation::of(model)) else {
             if let Some((row, when)) = keys::row_elsewhere(key) {
@@ -359,6 +362,8 @@ impl KeyState {
             KeyAction::DryRun => {
                 return Some(UiCommand::DryRun(!model.dry_run));
             }
+            // Whoever is at the edge of a sheet wants to leave that first.
+            KeyAction::Quit if !model.sheet_points.is_empty() => return Some(UiCommand::ForgetSheet),
             KeyAction::Quit if !is_job => return Some(UiCommand::Quit),
             _ => {
                 self.open_dialog(act, key, model);
@@ -481,6 +486,9 @@ impl KeyState {
                 UiCommand::Job(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
             }
             Some(mm) => UiCommand::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
+            // A key that is held down repeats itself; pressed once more, it stops.
+            None if std::mem::replace(&mut self.jogged_at_ms, now_ms) + REPEATED_MS > now_ms => return None,
+            None if !model.at_rest => UiCommand::Job(OperatorCommand::Hold),
             None => UiCommand::Task(ManualTask::JogOn { axis: letter, up }),
         })
     }
@@ -525,9 +533,9 @@ impl KeyState {
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
             (PendingQuestion::Frame(shape), Key::Char('y')) => Ok(UiCommand::Frame(shape)),
             (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
-            // The key that has opened the question answers nothing.
-            (PendingQuestion::AlignSheet, Key::Char('E')) => return None,
-            (PendingQuestion::AlignSheet, _) => Ok(UiCommand::ForgetSheet),
+            (PendingQuestion::AlignSheet, Key::Char('n') | Key::Esc | Key::Interrupt) => Ok(UiCommand::ForgetSheet),
+            // Two points took their time: a jog that comes late, or the key that has opened the question, loses none.
+            (PendingQuestion::AlignSheet, _) => return None,
             (ask, _) if !ask.takes_text() => {
                 self.open = OpenDialog::Nothing;
                 return None;

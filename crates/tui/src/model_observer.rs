@@ -423,7 +423,14 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
             (model.recovering, model.restarting) = (false, None);
         }
         EventKind::RestartSwitching(code) => model.restarting = Some(code),
-        EventKind::RestartSwitched(_) | EventKind::Mode(_) => model.restarting = None,
+        EventKind::RestartSwitched(_) => model.restarting = None,
+        EventKind::Mode(mode) => {
+            model.restarting = None;
+            // Whoever goes elsewhere has not confirmed them; they are compared again where he restarts.
+            if *mode != Mode::AwaitOutputs {
+                model.differing_outputs.clear();
+            }
+        }
         EventKind::Switching(code) => model.switching = Some(code),
         EventKind::Switched(_) => model.switching = None,
         EventKind::ProgramStop(code) => model.program_stop = Some(code),

@@ -14,9 +14,12 @@ const OUTLINE_TOLERANCE_MM: f64 = 0.01;
 pub(crate) fn with_keys(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [first] => {
-            format!("1st point {}; jog along the edge, E takes the 2nd (E here: forget it)", place(first))
+            format!(
+                "1st point, the zero of the job: {}; jog along the edge, 50 mm or more, E; Esc forgets it",
+                place(first)
+            )
         }
-        [_, _, ..] => format!("{}; E, then y sets it", of(model)),
+        [_, _, ..] => format!("{}; E asks, y sets it, Esc forgets it", of(model)),
         [] => of(model),
     }
 }
@@ -32,7 +35,7 @@ pub fn of(model: &ScreenModel) -> String {
         ),
         [first, second, ..] => match SheetEdge::through(first, second) {
             Ok(edge) => format!(
-                "NOT SET YET: work zero to {}, turned by {:+.3}°, by {:.1} mm of the edge along {}",
+                "NOT SET YET: work zero to {}, turned by {:+.3}°, measured over {:.1} mm of the edge, which becomes {}",
                 place(first),
                 edge.angle_deg,
                 edge.length_mm,
@@ -92,7 +95,7 @@ pub fn travel_text(model: &ScreenModel) -> Option<String> {
         sides.iter().filter(|(_, mm)| *mm < 0.0).map(|(side, mm)| format!("{side} by {:.1} mm", -mm)).collect();
     Some(if beyond.is_empty() {
         let left = sides.map(|(side, mm)| format!("{side} {mm:.1}"));
-        format!("Travel left around the contours: {} mm", left.join(", "))
+        format!("Free between the contours and the soft limits: {} mm", left.join(", "))
     } else {
         format!("The contours would be BEYOND THE TRAVEL: {}", beyond.join(", "))
     })

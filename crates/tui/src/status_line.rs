@@ -10,7 +10,7 @@ use crate::cut_text::{confirmation_text, contours_text, interrupted_text, start_
 use crate::event_text::tool_change_text;
 use crate::geared_status;
 use crate::keys::KeyAction;
-use crate::model::{Pause, ScreenModel, ScreenStage};
+use crate::model::{AxisHoming, Pause, ScreenModel, ScreenStage};
 use crate::program_facts::ProgramCheck;
 use crate::sheet_text;
 use crate::status_hint::{HintLevel, StatusHint, hint};
@@ -74,10 +74,15 @@ fn setup(model: &ScreenModel) -> StatusHint {
         KeyAction::Quit,
     ];
     let of_cutter = [KeyAction::SheetEdge, KeyAction::Frame, KeyAction::Outline, KeyAction::Contours];
-    let mut actions = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
-    actions.extend(rest);
+    let mut actions = if model.homed { vec![KeyAction::CycleStart] } else { Vec::new() };
+    if !model.homed || model.homing.iter().any(|of| *of != AxisHoming::NotNeeded) {
+        actions.push(KeyAction::Home);
+    }
     if model.homed && !model.facts.cutters.is_empty() {
-        actions.splice(5..5, of_cutter);
+        let (first, last) = rest.split_at(3);
+        actions.extend(first.iter().chain(&of_cutter).chain(last));
+    } else {
+        actions.extend(rest);
     }
     if !model.homed {
         return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &actions);
@@ -117,6 +122,10 @@ fn setup(model: &ScreenModel) -> StatusHint {
         0 => why,
         1 => format!("{why}, 1 contour will be skipped"),
         count => format!("{why}, {count} contours will be skipped"),
+    };
+    let why = match model.work_rotation_deg {
+        0.0 => why,
+        degrees => format!("{why}, TURNED by {degrees:+.3}° about the work zero"),
     };
     let why = if model.manual_result.is_empty() { why } else { format!("{}; {why}", model.manual_result) };
     hint(HintLevel::Waiting, "READY", why, &actions)
@@ -176,7 +185,20 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 }
             }
         }
-        HoldReason::Hold => hint(HintLevel::Waiting, "FEED HOLD", "held by the operator", &held),
+        HoldReason::Hold => match start_text(model) {
+            // The start is one instruction, which ends before the hold puts the cutter out.
+            Some(start) => {
+                let mut actions = vec![KeyAction::CutterOff];
+                actions.extend(held);
+                hint(
+                    HintLevel::Waiting,
+                    "FEED HOLD",
+                    format!("{start}: its start GOES ON to its end; x ends it"),
+                    &actions,
+                )
+            }
+            None => hint(HintLevel::Waiting, "FEED HOLD", "held by the operator", &held),
+        },
         HoldReason::ProgramStop => match model.tool_change {
             Some(tool) => hint(HintLevel::Waiting, "TOOL CHANGE", tool_change_text(model, tool), &held),
             None => hint(HintLevel::Waiting, "PROGRAM STOP", "stopped by the program", &held),
@@ -194,7 +216,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::Output,
             ];
-            let text = format!("program completed{}; reverse run is still possible", contours_text(model));
+            let text = format!("program completed{}; c RUNS IT AGAIN", contours_text(model));
             hint(HintLevel::Waiting, "ENDED", text, &actions)
         }
         HoldReason::Paused => {

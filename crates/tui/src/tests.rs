@@ -369,9 +369,9 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     says(" y leaves a gap in the cut; k goes back, FIRES and cuts on");
     event(EventKind::OutputsRestored);
     set(Mode::Run, HoldReason::Ended, true);
-    says("program completed; reverse run");
+    says("program completed; c RUNS IT AGAIN");
     for (number, not_cut_mm, contours) in [
-        (1, 0.0, "completed, 1 contour cut; reverse run"),
+        (1, 0.0, "completed, 1 contour cut; c RUNS IT AGAIN"),
         (2, 1.5, "completed, 1 of 2 contours NOT cut through;"),
         (2, 0.0, "completed, 2 contours cut;"),
     ] {

@@ -109,7 +109,7 @@ fn the_job_is_drawn_as_it_would_lie_before_the_edge_is_set() {
         open_dialog(&mut user);
         user.wait_for_text(
             ".dialog .cause",
-            "Travel left around the contours: X- 52.0, X+ 196.0, Y- 64.0, Y+ 170.0 mm",
+            "Free between the contours and the soft limits: X- 52.0, X+ 196.0, Y- 64.0, Y+ 170.0 mm",
         );
         let left = machine.report()["state"]["sheet"]["travel_left_mm"].clone();
         assert_eq!(left, json!([[52.0, 196.0], [64.0, 170.0]]));

@@ -58,7 +58,7 @@ fn two_points_set_the_zero_and_the_direction() {
     page.wait_until("two points", |page| points(page) == 2);
     let text = page.last("state")["sheet"]["text"].to_string();
     // 80 and 60 mm: 100 mm at 36.87 degrees.
-    assert!(text.contains("100.0 mm of the edge along X") && text.contains("turned by +36.870°"), "{text}");
+    assert!(text.contains("100.0 mm of the edge, which becomes X") && text.contains("turned by +36.870°"), "{text}");
     assert_eq!(page.order_when_free("sheet align")["t"], "done");
     page.wait_until("no points", |page| points(page) == 0);
     move_to(&mut page, "mdi G0 X0 Y0", [20.0, 10.0]);
@@ -86,7 +86,7 @@ fn a_program_with_machine_coordinates_is_not_shown_as_turned() {
         assert_eq!(!sheet["placement"].is_null(), is_whole, "{more}: {sheet}");
         assert_eq!(!sheet["travel_left_mm"].is_null(), is_whole, "{more}: {sheet}");
         let text = sheet["travel_text"].to_string();
-        assert_eq!(text.contains("Travel left around the contours"), is_whole, "{more}: {text}");
+        assert_eq!(text.contains("Free between the contours and the soft limits"), is_whole, "{more}: {text}");
     }
 }
 
@@ -112,7 +112,7 @@ fn the_pointer_takes_points_along_y() {
     assert_eq!(page.order_when_free("sheet point")["t"], "done");
     page.wait_until("two points", |page| points(page) == 2);
     let text = page.last("state")["sheet"]["text"].to_string();
-    let is_so = text.contains("work zero to X40.000 Y16.000") && text.contains("of the edge along Y");
+    let is_so = text.contains("work zero to X40.000 Y16.000") && text.contains("of the edge, which becomes Y");
     assert!(is_so, "{text}");
     assert_eq!(page.order_when_free("sheet align")["t"], "done");
     page.wait_until("no points", |page| points(page) == 0);
@@ -131,8 +131,8 @@ fn the_screen_leads_through_it() {
     let terminal = Terminal::with(&arguments, 120, 30, &[("XDG_STATE_HOME", &state)]);
     terminal.wait_for_text("READY");
     terminal.keys("E");
-    terminal.wait_for_text("1st point X0.000 Y0.000");
-    let text = terminal.wait_for_text("jog along the edge, E takes the 2nd (E here: forget it)");
+    terminal.wait_for_text("1st point, the zero of the job: X0.000 Y0.000");
+    let text = terminal.wait_for_text("jog along the edge, 50 mm or more, E; Esc forgets it");
     assert!(text.contains("SHEET EDGE") && text.contains("E sheet"), "{text}");
     for key in ["c", "F"] {
         terminal.keys(key);
@@ -144,13 +144,13 @@ fn the_screen_leads_through_it() {
     terminal.wait_for_text("80.000");
     std::thread::sleep(std::time::Duration::from_millis(1500));
     terminal.keys("E");
-    terminal.wait_for_text("NOT SET YET: work zero to X0.000 Y0.000 of the machine, turned by -1.432°, by 80.0 mm");
+    terminal.wait_for_text("NOT SET YET: work zero to X0.000 Y0.000 of the machine, turned by -1.432°, measured over");
     terminal.wait_for_text("· as it will lie");
-    terminal.wait_for_text("Travel left around the contours: X- 5");
+    terminal.wait_for_text("Free between the contours and the soft limits: X- 5");
     terminal.wait_for_text("y set zero and direction");
     terminal.keys("y");
     terminal.wait_for_text("READY");
-    terminal.wait_for_text("by 80.0 mm of the edge");
+    terminal.wait_for_text("TURNED by -1.432°");
     // The tool is 80 mm along X of the turned work coordinates.
     terminal.wait_for_text("80.025");
     terminal.keys("q");

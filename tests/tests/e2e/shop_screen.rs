@@ -273,7 +273,7 @@ fn a_series_of_pieces_is_started_by_one_question_and_ends_with_a_bad_one() {
     while state(&bench, &id) != is("running", 2) && begun.elapsed() < Duration::from_secs(30) {
         std::thread::sleep(Duration::from_millis(50));
     }
-    terminal.wait_for_text("reverse run is still possible");
+    terminal.wait_for_text("c RUNS IT AGAIN");
     assert_eq!((state(&bench, &id), shown(&bench, &id)["runs"].as_array().map(Vec::len)), (is("running", 2), Some(3)));
     terminal.keys("u");
     terminal.wait_for_text("READY");

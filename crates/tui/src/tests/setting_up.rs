@@ -1,13 +1,17 @@
 //! Questions before the machine moves in setup: what a frame goes round, and probing cycles in words.
 
+use retrace_controller::{ManualTask, OperatorCommand};
+
 use super::{ScreenFixture, text};
-use crate::UiCommand;
 use crate::keys::Key;
+use crate::{UiCommand, lock_model};
 
 #[test]
 fn a_frame_is_traced_by_a_key_in_setup_after_saying_what_it_goes_round() {
     use retrace_controller::FrameShape::{Outline, Rectangle};
-    for (key, shape, what) in [('F', Rectangle, "the rectangle around what is cut"), ('U', Outline, "the outline of")] {
+    for (key, shape, what) in
+        [('F', Rectangle, "the rectangle around what is cut"), ('U', Outline, "the tight hull of")]
+    {
         let mut bench = ScreenFixture::new();
         assert_eq!(bench.key(Key::Char(key)), None);
         let shown = text(&bench.screen(80, 24));
@@ -28,5 +32,37 @@ fn a_probing_cycle_is_entered_in_words_and_called_as_an_mdi_block() {
     assert!(shown.contains("outside-corner x+ y+ OUT DEPTH") && shown.contains("calibrate DIAMETER DEPTH"), "{shown}");
     bench.keys(" 5 g55");
     let block = "o<probe_bore> call [20 / [1 + 24.4 * #<_imperial>]] [5 / [1 + 24.4 * #<_imperial>]] [2]";
-    assert_eq!(bench.key(Key::Enter), Some(UiCommand::Task(retrace_controller::ManualTask::Mdi(block.into()))));
+    assert_eq!(bench.key(Key::Enter), Some(UiCommand::Task(ManualTask::Mdi(block.into()))));
+}
+
+/// The second press of a continuous jog stops it, and one that the keyboard repeats changes nothing.
+#[test]
+fn a_continuous_jog_is_stopped_by_a_second_press() {
+    let mut bench = ScreenFixture::new();
+    bench.keys("tt");
+    assert!(text(&bench.screen(80, 24)).contains("continuous: again stops it"));
+    let begins = UiCommand::Task(ManualTask::JogOn { axis: 'x', up: true });
+    bench.wait(1_000);
+    assert_eq!(bench.key(Key::Right), Some(begins));
+    for _ in 0..3 {
+        bench.wait(40);
+        assert_eq!(bench.key(Key::Right), None);
+    }
+    bench.wait(500);
+    lock_model(&bench.model).at_rest = false;
+    assert_eq!(bench.key(Key::Right), Some(UiCommand::Job(OperatorCommand::Hold)));
+}
+
+/// What two points on the edge of a sheet would set is lost by no key but those that say so.
+#[test]
+fn points_on_the_edge_of_a_sheet_are_forgotten_by_esc_alone() {
+    for (count, key) in [(1, Key::Esc), (1, Key::Char('q')), (2, Key::Esc), (2, Key::Char('n'))] {
+        let mut bench = ScreenFixture::new();
+        lock_model(&bench.model).sheet_points = vec![[60.0, 40.0], [260.0, 50.0]][..count].to_vec();
+        if count == 2 {
+            bench.keys("E");
+            assert_eq!((bench.key(Key::Left), bench.key(Key::Char('c'))), (None, None));
+        }
+        assert_eq!(bench.key(key), Some(UiCommand::ForgetSheet), "{count} {key:?}");
+    }
 }

@@ -197,7 +197,7 @@ fn prompt(
             return;
         }
         PendingQuestion::AlignSheet => {
-            let keys = "y set zero and direction · any other key: forget both points".to_owned();
+            let keys = "y set zero and direction · n or Esc: forget both points".to_owned();
             let lines: Vec<String> = [Some(sheet_text::of(model)), sheet_text::travel_text(model), Some(keys)]
                 .into_iter()
                 .flatten()
@@ -284,11 +284,15 @@ fn differ(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
         lines.push(format!("… {} more", model.differing_outputs.len() - room));
     }
     lines.push(String::new());
-    lines.push("y: switch to the expected states and resume".into());
+    let is_cutter = |channel: u8| model.facts.cutters.iter().any(|cutter| cutter.fire == channel);
+    let fires = model.differing_outputs.iter().any(|of| of.expected != 0 && is_cutter(of.channel));
+    let fires = if fires { ": the cutter FIRES HERE" } else { "" };
+    lines.push(format!("y: switch to the expected states and resume{fires}"));
     if model.cut_end_line.is_some() {
         lines.push("k: recover the interrupted cut: go back and cut on".into());
     }
     lines.push("o: switch one output · r: reverse run".into());
+    lines.push("Nothing is switched before you choose.".into());
     draw_box(out, "OUTPUTS DIFFER", &lines, theme);
 }
 

@@ -24,7 +24,11 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, key_st
     } else {
         ""
     };
-    let inside = pane(out, area, &format!("position, mm{marks}"), theme);
+    let turned = match model.work_rotation_deg {
+        0.0 => String::new(),
+        degrees => format!(" · turned {degrees:+.3}°"),
+    };
+    let inside = pane(out, area, &format!("position, mm{marks}{turned}"), theme);
     let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
     put_at(out, inside, 2, 0, &header, theme.faint());
     let is_jogged = model.stage == ScreenStage::Setup || model.pause.is_some();
@@ -184,7 +188,10 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
     if model.stage == ScreenStage::Setup || model.pause.is_some() {
         let step = STEPS_MM.get(key_state.step).copied().flatten();
         let optional = if model.optional_stop { " · M1 stops" } else { "" };
-        lines.push(format!("jog step {}{optional}", step.map_or("continuous".into(), |mm| format!("{mm} mm"))));
+        lines.push(format!(
+            "jog step {}{optional}",
+            step.map_or("continuous: again stops it".into(), |mm| format!("{mm} mm"))
+        ));
     } else {
         let single = if model.single { "single block ON" } else { "single block off" };
         let inputs: Vec<String> = (0..16).filter(|n| model.inputs >> n & 1 == 1).map(|n| n.to_string()).collect();
