@@ -25,6 +25,7 @@ pub(crate) fn start_text(model: &ScreenModel) -> Option<String> {
     model.cutter_states.iter().find_map(|(&channel, &(state, _))| {
         let what = match state {
             CutterState::Sensing => "sensing the sheet",
+            CutterState::Igniting if model.output(channel) == 0 => "waits, then FIRES",
             CutterState::Igniting => "igniting",
             CutterState::Piercing => "piercing",
             _ => return None,

@@ -239,7 +239,11 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 _ if model.at_rest => {
                     hint(HintLevel::Normal, "RUNNING", "at rest until more path is planned", &running)
                 }
-                _ => hint(HintLevel::Normal, "RUNNING", "executing the program", &running),
+                _ => {
+                    // A start in motion, over the kerf that was cut.
+                    let why = start_text(model).map(|start| format!("{start} in motion"));
+                    hint(HintLevel::Normal, "RUNNING", why.unwrap_or_else(|| "executing the program".into()), &running)
+                }
             },
         },
     }

@@ -227,9 +227,11 @@ fn prompt(
             draw_box(out, "wear of the consumables", &lines, theme);
             return;
         }
-        PendingQuestion::Stop => {
-            ("stop the job?", "The job stops here; the breakpoint is saved.", "y stop · any other key: cancel")
-        }
+        PendingQuestion::Stop => (
+            "stop the job?",
+            "The job stops here; `retrace resume` goes on from its breakpoint.",
+            "y stop · any other key: cancel",
+        ),
     };
     let mut lines = vec![question.to_string()];
     if ask == PendingQuestion::Probe {
