@@ -243,8 +243,9 @@ impl Program {
     /// # Errors
     /// The file can no longer be read.
     pub fn reopened(&self, setup: Setup) -> Result<Self, NumberedError> {
-        // Subprograms are searched beside this program, not beside the one that the setup belongs to.
-        let setup = Setup { files: self.setup.files.clone(), ..setup };
+        // Subprograms are searched beside this program, and cycles are its own, not those of the one that the setup
+        // belongs to.
+        let setup = Setup { files: self.setup.files.clone(), cycles: self.setup.cycles.clone(), ..setup };
         let mut again = Self { setup, contours: Arc::default(), ..self.clone() };
         again.folders.forget();
         if self.prescan.is_some() && self.is_loaded() {

@@ -11,7 +11,7 @@ use retrace_shop::ShopFile;
 use crate::args::Send;
 use crate::send;
 use crate::shop;
-use crate::shop_piece::{piece_of, read_jobs, ready_job};
+use crate::shop_piece::{JobPiece, piece_of, read_jobs, ready_job};
 
 /// Sends the next piece of a job.
 ///
@@ -22,7 +22,7 @@ pub fn run(args: &Send, name: &str) -> Result<(), NumberedError> {
     let file = ShopFile::load(args.shop_file.as_deref())?;
     let jobs = read_jobs(&file)?;
     let id = jobs.find(name)?.id();
-    let (recorder, program) = piece_of(&jobs, ready_job(&jobs, id)?);
+    let JobPiece { recorder, program, .. } = piece_of(&jobs, ready_job(&jobs, id)?)?;
     let machine = args.machine.as_deref().or(file.machine_file.as_deref());
     let mut run = None;
     let done = send::transfer(args, machine, &program, &mut || {

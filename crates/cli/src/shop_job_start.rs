@@ -9,7 +9,7 @@ use retrace_shop::{RunRecorder, ShopFile};
 use crate::args;
 use crate::command_failure::CommandFailure;
 use crate::shop_piece::{
-    check_machine_file, check_repeat, not_repeatable, piece_of, read_jobs, ready_job, record_ended_runs,
+    JobPiece, check_machine_file, check_repeat, not_repeatable, piece_of, read_jobs, ready_job, record_ended_runs,
 };
 use crate::{files, resume as resume_command, run as run_command};
 
@@ -80,7 +80,11 @@ fn prepare(args: &mut args::Run, more: u32) -> Result<RunRecorder, NumberedError
     if let Some(warning) = check_machine_file(&job.job, path, &files::machine_text(path)?)? {
         eprintln!("warning: {}", crate::escape::lines(&warning));
     }
-    let (recorder, program) = piece_of(&jobs, job);
+    let JobPiece { recorder, program, cycles } = piece_of(&jobs, job)?;
     args.reading.program = program;
+    // Its own cycles, or those of the command line.
+    if cycles.is_some() {
+        args.reading.cycle_folders.cycles = cycles;
+    }
     Ok(recorder)
 }

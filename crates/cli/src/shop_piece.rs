@@ -19,7 +19,7 @@ pub fn record_ended_runs(ledger: &Path) -> Result<(), NumberedError> {
 }
 
 /// Prepares the next piece of a job, behind which so many more follow, for the screen of a machine that runs with this
-/// machine file: the same checks as before `retrace run --job`. Returns the recorder of its run, and its program.
+/// machine file: the same checks as before `retrace run --job`.
 ///
 /// # Errors
 /// `E5004` where there is no such job, `E5012` where it is not ready, `E5013` where it has all its pieces, `E5014`
@@ -29,14 +29,14 @@ pub fn prepare_at_screen(
     shop_file: Option<&Path>,
     (id, more): (&str, u32),
     machine_file: (Option<&Path>, &str),
-) -> Result<(RunRecorder, PathBuf), NumberedError> {
+) -> Result<JobPiece, NumberedError> {
     let jobs = read_jobs(&ShopFile::load(shop_file)?)?;
     // A screen names a job in full: a beginning is for people who type.
     let id = id.parse::<ShopJobId>().or_else(|_| jobs.find(id).and(Err(no_full_name(id))))?;
     let job = ready_job(&jobs, id)?;
     check_repeat(job, more)?;
     check_machine_file(&job.job, machine_file.0, machine_file.1)?;
-    Ok(piece_of(&jobs, job))
+    piece_of(&jobs, job)
 }
 
 fn no_full_name(id: &str) -> NumberedError {
@@ -63,10 +63,25 @@ pub fn ready_job(jobs: &ShopJobs, id: ShopJobId) -> Result<&LedgerJob, NumberedE
     Ok(job)
 }
 
-/// Recorder of the next run of a job, and its program.
-pub fn piece_of(jobs: &ShopJobs, job: &LedgerJob) -> (RunRecorder, PathBuf) {
-    let program = Inbox::of(&jobs.machine).program(job);
-    (RunRecorder::new(jobs.machine.clone(), job.job.id, program.display().to_string()), program)
+/// The next run of a job.
+pub struct JobPiece {
+    /// Recorder of the run.
+    pub recorder: RunRecorder,
+    /// Its program.
+    pub program: PathBuf,
+    /// Folder of its cycles, with which alone it is run; `None`: those of the machine.
+    pub cycles: Option<PathBuf>,
+}
+
+/// The next run of a job.
+///
+/// # Errors
+/// `E5006`, `E5010` where its list of files was changed or cannot be read.
+pub fn piece_of(jobs: &ShopJobs, job: &LedgerJob) -> Result<JobPiece, NumberedError> {
+    let inbox = Inbox::of(&jobs.machine);
+    let program = inbox.program(job);
+    let recorder = RunRecorder::new(jobs.machine.clone(), job.job.id, program.display().to_string());
+    Ok(JobPiece { recorder, program, cycles: inbox.cycles(job)? })
 }
 
 /// Checks that so many pieces more may be run behind the next one.

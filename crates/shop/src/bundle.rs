@@ -1,4 +1,4 @@
-//! The files of a job: a program and its subprograms, each named by its hash (SHP, section 2).
+//! The files of a job: a program, its subprograms and cycles, each named by its hash (SHP, section 2).
 //!
 //! A bundle is a JSON text. Its own hash names it, so whoever has that hash can verify every byte of the job.
 //!
@@ -36,6 +36,19 @@ pub enum BundleRole {
     Program,
     /// A subprogram: `O<part> call` finds `part.ngc`.
     Subprogram,
+    /// Source of a cycle, `*.SPF`.
+    Cycle,
+}
+
+impl BundleRole {
+    /// What the file of this place on a command line is.
+    fn of(place: usize, path: &Path) -> Self {
+        match path.extension() {
+            _ if place == 0 => Self::Program,
+            Some(extension) if extension.eq_ignore_ascii_case("spf") => Self::Cycle,
+            _ => Self::Subprogram,
+        }
+    }
 }
 
 /// A file of a bundle.
@@ -72,17 +85,16 @@ pub struct SourceFile {
 }
 
 impl SourceFile {
-    /// The files of a command line: the program first, then its subprograms.
+    /// The files of a command line: the program first, then its subprograms and the sources of its cycles.
     ///
     /// # Errors
     /// `E5005` where a path has no name that a bundle can have; `E5010` where there is no file.
     pub fn of_paths(paths: &[PathBuf]) -> Result<Vec<Self>, NumberedError> {
-        let role = |number| if number == 0 { BundleRole::Program } else { BundleRole::Subprogram };
         let named = paths.iter().enumerate().map(|(number, path)| {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
             check_name(name)?;
             let path = fs::canonicalize(path).map_err(|error| unusable(path, &error))?;
-            Ok(Self { role: role(number), name: name.into(), path })
+            Ok(Self { role: BundleRole::of(number, &path), name: name.into(), path })
         });
         named.collect()
     }
@@ -204,6 +216,12 @@ impl Bundle {
     pub fn program(&self) -> &str {
         let program = self.files.iter().find(|file| file.role == BundleRole::Program);
         program.map_or("", |file| file.name.as_str())
+    }
+
+    /// Whether it has cycles of its own.
+    #[must_use]
+    pub fn has_cycles(&self) -> bool {
+        self.files.iter().any(|file| file.role == BundleRole::Cycle)
     }
 
     /// Length of all files in bytes.

@@ -50,9 +50,19 @@ impl Inbox {
     /// # Errors
     /// `E5006` where one is missing or was changed, `E5010` where it cannot be read.
     pub fn verify(&self, job: &LedgerJob) -> Result<(), NumberedError> {
-        let id = job.job.id;
-        let bundle = Bundle::read(&self.job_folder(id).join("bundle.json"), job.job.bundle)?;
-        bundle.verify_folder(&self.files(id))
+        self.bundle(job)?.verify_folder(&self.files(job.job.id))
+    }
+
+    /// Folder with the cycles of a job; `None` where it has none of its own, and is run with those of the machine.
+    ///
+    /// # Errors
+    /// `E5006`, `E5010` where its list of files was changed or cannot be read.
+    pub fn cycles(&self, job: &LedgerJob) -> Result<Option<PathBuf>, NumberedError> {
+        Ok(self.bundle(job)?.has_cycles().then(|| self.files(job.job.id)))
+    }
+
+    fn bundle(&self, job: &LedgerJob) -> Result<Bundle, NumberedError> {
+        Bundle::read(&self.job_folder(job.job.id).join("bundle.json"), job.job.bundle)
     }
 
     /// Makes room for a job: deletes the files of jobs from which nothing more can come, the oldest first.

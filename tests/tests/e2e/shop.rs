@@ -475,3 +475,20 @@ fn a_series_of_pieces_is_run_where_the_job_permits_it_and_ends_with_a_bad_one() 
     assert!((3..=4).contains(&good), "{good}");
     let _ = done(&bench, &["shop", "audit"]);
 }
+
+/// A cycle that the program calls goes with the job; without it the job is refused, and a changed one is found.
+#[test]
+fn a_job_brings_its_cycles() {
+    let bench = bench();
+    bench.file("row.ngc", "G21 G90 G94 F6000\nMARK(12)\nM2\n");
+    bench.file("MARK.SPF", "PROC MARK(REAL LENGTH)\nG1 G90 AX[1]=LENGTH\nM17\n");
+    let without = submit(&bench, &["row.ngc"]);
+    let id = submit(&bench, &["row.ngc", "MARK.SPF", "--quantity", "2"]);
+    done(&bench, &["shop", "agent", "--once"]);
+    assert_eq!((state(&bench, &without), state(&bench, &id)), (is("refused", 0, 1), is("ready", 0, 2)));
+    assert_contains(&done(&bench, &["run", "--job", &id]), &["position X 12.000"]);
+    assert_eq!(state(&bench, &id), is("ready", 1, 2));
+    let stored = file_below(&machine_folder(&bench), "MARK.SPF");
+    fs::write(stored, "PROC MARK(REAL LENGTH)\nG1 G90 AX[1]=2*LENGTH\nM17\n").expect("written");
+    assert_refused(&bench.retrace(["run", "--job", &id]), "E5006");
+}

@@ -296,3 +296,25 @@ fn a_series_of_pieces_is_started_by_one_question_and_ends_with_a_bad_one() {
     assert_eq!(state(&bench, &single), is("ready", 0));
     assert_contains(&done(&bench, &["shop", "audit"]), &["3 jobs, 0 faults"]);
 }
+
+/// A piece is run with the cycles of its job, and the program that is opened behind it without them.
+#[test]
+fn a_piece_at_the_screen_has_the_cycles_of_its_job() {
+    let bench = Bench::new();
+    bench.file("MARK.SPF", "PROC MARK(REAL LENGTH)\nG1 G90 AX[1]=LENGTH\nM17\n");
+    let id = submit(&bench, "row.ngc", "G21 G90 G94 F6000\nMARK(12)\nM2\n", &["MARK.SPF"]);
+    done(&bench, &["shop", "agent", "--once"]);
+    let mut terminal = screen(&bench, &[]);
+    open(&terminal, "row.ngc");
+    terminal.keys("cy");
+    terminal.wait_for_text("ENDED");
+    terminal.wait_for_text("12.000");
+    close(&terminal);
+    terminal.keys("u");
+    terminal.wait_for_text("READY");
+    assert_eq!(state(&bench, &id), is("done", 1));
+    terminal.keys(&format!("O{}\r", bench.path("row.ngc").display()));
+    terminal.wait_for_text("E1");
+    terminal.wait_for_text("NOT READY");
+    quit(&mut terminal);
+}

@@ -204,7 +204,8 @@ pub struct ShopInit {
 /// `retrace shop submit`
 #[derive(Debug, Args)]
 pub struct Submit {
-    /// The program, then its subprograms.
+    /// The program, then its subprograms and the sources of its cycles, `*.SPF`. A job with cycles is run with these
+    /// and the built-in ones alone.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Machine that the job is for; by default this one. With `[broker]` in the shop file it can be any machine.

@@ -68,6 +68,8 @@ pub(super) struct ExitState {
 pub(super) struct MachineThread<'m, 'c, const A: usize> {
     /// Arguments, with the program that is loaded now.
     args: args::Run,
+    /// Folder of cycles on the command line.
+    own_cycles: Option<PathBuf>,
     machine: MachineConfig,
     homing: &'m Homing,
     program: Arc<Program>,
@@ -117,6 +119,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             (model.optional_stop, model.dry_run) = (optional_stop, machine.inhibits_outputs);
         }
         Self {
+            own_cycles: args.reading.cycle_folders.cycles.clone(),
             args,
             machine,
             homing,
@@ -181,7 +184,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                 Ok(UiCommand::AlignSheet) => self.align_sheet(),
                 Ok(UiCommand::ForgetSheet) => self.forget_sheet(),
                 Ok(UiCommand::Load(path)) => {
-                    self.load_program(path);
+                    self.load_program(path, None);
                 }
                 Ok(UiCommand::CutterOff) => self.cutters_off(),
                 Ok(UiCommand::OptionalStop(on)) => {
@@ -384,12 +387,13 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
     }
 
     /// Loads another program, and returns whether it is loaded. Where its file cannot be read, the previous one stays.
-    fn load_program(&mut self, path: PathBuf) -> bool {
+    fn load_program(&mut self, path: PathBuf, cycles: Option<PathBuf>) -> bool {
         if lock_model(&self.router.model).stage == ScreenStage::Job {
             return false;
         }
         let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
-        let reading = Reading { program: path, ..self.args.reading.clone() };
+        let mut reading = Reading { program: path, ..self.args.reading.clone() };
+        reading.cycle_folders.cycles = cycles.or_else(|| self.own_cycles.clone());
         let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
         let loaded = self.while_idle({
             let reading = reading.clone();

@@ -38,6 +38,9 @@ pub fn check(file: &ShopFile, inbox: &Inbox, job: &LedgerJob) -> Result<Checked,
     if let Some(machine) = &file.machine_file {
         command.arg("--machine").arg(machine);
     }
+    if let Some(cycles) = inbox.cycles(job)? {
+        command.arg("--cycles").arg(cycles);
+    }
     command.arg("--").arg(inbox.program(job));
     let mut child = command
         .stdin(Stdio::null())

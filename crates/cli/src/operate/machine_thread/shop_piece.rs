@@ -7,7 +7,7 @@ use retrace_config::NumberedError;
 use retrace_tui::{ScreenStage, lock_model};
 
 use super::MachineThread;
-use crate::shop_piece;
+use crate::shop_piece::{self, JobPiece};
 
 impl<const A: usize> MachineThread<'_, '_, A> {
     /// Starts the next pieces of a job, one after the other, which the operator has confirmed. The series ends with a
@@ -46,12 +46,12 @@ impl<const A: usize> MachineThread<'_, '_, A> {
             let shop_file = args.shop.shop_file.as_deref();
             shop_piece::prepare_at_screen(shop_file, (&id, more), (args.machine_file.path(), &text))
         });
-        let (recorder, program) = match prepared {
+        let JobPiece { recorder, program, cycles } = match prepared {
             Ok(prepared) => prepared,
             Err(refusal) => return self.refuse_start(refusal),
         };
         // The recorder stays: `c` starts the next piece of the program that is loaded then.
-        if self.load_program(program) {
+        if self.load_program(program, cycles) {
             self.args.shop.recorder = Some(recorder);
             self.run_job(self.args.clone());
         }
