@@ -34,8 +34,8 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         inputs: 6,
         has_spindle_pwm: true,
         has_spindle_encoder: false,
-        // a frequency at its last input
-        analog: retrace_link::AnalogCounts::new(0, 1),
+        // a frequency at its last input, and a voltage module at UART0
+        analog: retrace_link::AnalogCounts::new(0, 2),
         tick_hz: 125_000_000,
         max_period_us: 4000,
         ..stm32f4(1000)

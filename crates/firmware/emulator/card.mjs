@@ -9,8 +9,9 @@
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
 // RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave; RETRACE_STEP_WIRE is
-// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs). RETRACE_FLASH_NUMBER are
-// the 16 hexadecimal digits of the flash's unique number.
+// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs). RETRACE_TORCH is a torch
+// with a voltage module at UART0 (torch.mjs), where the line is USB. RETRACE_FLASH_NUMBER are the 16 hexadecimal digits
+// of the flash's unique number.
 //
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
@@ -26,6 +27,7 @@ import { findings } from './findings.mjs';
 import { Flash } from './flash.mjs';
 import { Probe } from './probe.mjs';
 import { Scope } from './scope.mjs';
+import { Torch } from './torch.mjs';
 import { UsbHost } from './usb_host.mjs';
 
 const [, , image, line, event, pulses] = process.argv;
@@ -43,6 +45,7 @@ connect();
 if (process.env.RETRACE_WAVE_HZ) board.startWave(FREQUENCY_PIN, +process.env.RETRACE_WAVE_HZ);
 if (process.env.RETRACE_STEP_WIRE) board.wire(FIRST_STEP_PIN + +process.env.RETRACE_STEP_WIRE, FREQUENCY_PIN);
 if (process.env.RETRACE_PROBE) new Probe(board, scope, process.env.RETRACE_PROBE);
+const torch = process.env.RETRACE_TORCH ? new Torch(board, scope) : undefined;
 
 const toCard = [];
 const fromCard = [];
@@ -125,6 +128,7 @@ function send(kind, count, bytes) {
 function slice() {
   for (const end = board.cycles + SLICE; board.cycles < end; ) {
     feed();
+    torch?.run();
     board.run(Math.min(end, board.cycles + BYTE / 2));
     if (event && !happened && scope.pulses >= +pulses && spindleIsOn()) happen();
     if (happened && !spindleIsOn()) spindleOff ??= board.cycles - happened.at;
@@ -145,7 +149,7 @@ function slice() {
 function report() {
   if (happened && !isOver) endEvent();
   const found = {
-    ...findings(board, scope, began), usb: usb?.names ?? null,
+    ...findings(board, scope, began), usb: usb?.names ?? null, torch: torch?.findings() ?? null,
     event: happened && {
       name: event,
       steps_ended: happened.steps_ended,

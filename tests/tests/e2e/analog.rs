@@ -322,9 +322,10 @@ fn an_analog_input_that_is_not_there_is_refused_before_anything_moves() {
             &["E4332", "analog input 0", "[[card.analog_input]]"],
         );
     }
-    for (board, has) in [("pico", "the card has 1 of them"), ("f405", "no analog inputs")] {
+    bench.file("m.toml", INPUT.replace("number = 1", "number = 2"));
+    for (board, has) in [("pico", "the card has 2 of them"), ("f405", "no analog inputs")] {
         let result = bench.retrace(["machine", "check", "m.toml", "--card", board]);
         assert_eq!(result.code, Some(2), "{}", result.out);
-        assert_contains(&result.err, &["E3008", "arc is analog input 1", has]);
+        assert_contains(&result.err, &["E3008", "arc is analog input 2", has]);
     }
 }

@@ -215,23 +215,22 @@ fn the_operator_sets_the_height() {
     assert!(off.iter().all(|&layer| layer == off[0]), "the height stays");
 }
 
-/// A board without analog channels: the machine file is refused before anything moves, by each source. A Pico has one.
+/// A board without analog channels: the machine file is refused before anything moves, by each source. A Pico has two.
 #[test]
 fn a_board_without_height_control_refuses_the_machine() {
     for (height, board, wanted) in [
         ("volts = 1", "f405", "no analog inputs"),
-        ("volts = 1", "pico", "the card has 1 of them"),
+        ("volts = 2", "pico", "the card has 2 of them"),
         ("up = 3, down = 4", "f405", "no height control"),
         ("enable = 3", "f405", "no height control"),
         ("volts = 0", "pico", ""),
+        ("volts = 1", "pico", ""),
     ] {
         let bench = Bench::new();
         let text = machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ANALOG;
         let text = text.replace("[7]", "[0]").replace("number = 13", "number = 1").replace("input = 5", "input = 2");
-        bench.file(
-            "m.toml",
-            if wanted.is_empty() { text.replace("number = 1\nname", "number = 0\nname") } else { text },
-        );
+        let number = height.strip_prefix("volts = ").unwrap_or("1");
+        bench.file("m.toml", text.replace("number = 1\nname", &format!("number = {number}\nname")));
         bench.file("materials.toml", MATERIALS);
         let result = bench.retrace(["machine", "check", "m.toml", "--card", board]);
         assert_eq!(result.err.contains("E3008"), !wanted.is_empty(), "{board}: {}", result.err);

@@ -120,6 +120,42 @@ pub(super) fn frequency(root: &Path) -> Result<bool, String> {
     Ok(true)
 }
 
+/// The program that cuts along a sheet that rises, and its machine; what the module sends is in `torch.mjs`.
+const TORCH_PROGRAM: &str = "crates/firmware/emulated-torch.ngc";
+const TORCH_MACHINE: &str = "crates/firmware/emulated-torch.toml";
+/// Greatest deviation of the height where the torch follows the sheet, in mm.
+const HEIGHT_DEVIATION_MM: f64 = 0.4;
+
+/// Height control by the voltage of a module at UART0, over USB: with sentences, in silence, and with noise.
+pub(super) fn voltage_module(root: &Path) -> Result<bool, String> {
+    let rig = Rig::build(root)?;
+    let emulator = PicoEmulator::start(root, &rig.image, Line::Usb, None, AtInputs::Torch)?;
+    let mut command = rig.command(root, &["run", TORCH_PROGRAM, "--card"], &emulator);
+    let report = job(command.args(["--machine", TORCH_MACHINE]))?;
+    let found = emulator.finish()?;
+    println!("voltage from a module at the Pico: {}; late in motion: {}", found["torch"], found["late"]["motion"]);
+    let mut wrong = wrong_in_cut(&found["torch"]);
+    if report.outcome != "completed" {
+        wrong.push(format!("the job ended as `{}`: {}", report.outcome, report.alarms));
+    }
+    if found["lost_bytes"] != 0 || found["late"]["motion"] != 0 {
+        wrong.push(format!("bytes were lost, or periods were late: {}", found["late"]));
+    }
+    if wrong.is_empty() { Ok(true) } else { Err(wrong.join(", ")) }
+}
+
+/// What is wrong with a cut, from the heights in its parts.
+fn wrong_in_cut(parts: &Value) -> Vec<String> {
+    let follows = ["follows", "follows_behind_silence", "follows_with_noise"].into_iter().filter(|&part| {
+        let [above, below] = ["above_mm", "below_mm"].map(|key| parts[part][key].as_f64().unwrap_or(f64::INFINITY));
+        let is_near = above.abs() <= HEIGHT_DEVIATION_MM && below.abs() <= HEIGHT_DEVIATION_MM;
+        !is_near || count(&parts[part], "places") < 10
+    });
+    let stays = ["silence", "noise"].into_iter().filter(|&part| count(&parts[part], "places") != 1);
+    let follows = follows.map(|part| format!("{part}: the torch does not follow the sheet"));
+    follows.chain(stays.map(|part| format!("{part}: the torch moves without a reading"))).collect()
+}
+
 /// The step output of an axis, wired to the frequency input: what the owner of a board can do without an instrument.
 pub(super) fn step_test(root: &Path) -> Result<bool, String> {
     let rig = Rig::build(root)?;
@@ -218,5 +254,26 @@ mod tests {
     #[test]
     fn what_was_not_seen_is_wrong() {
         assert!(!wrong_in_job(&serde_json::json!({})).is_empty());
+        assert_eq!(wrong_in_cut(&serde_json::json!({})).len(), 5);
+    }
+
+    #[test]
+    fn a_torch_that_does_not_follow_or_does_not_stay_is_wrong() {
+        let part = |above_mm: f64, places: u32| {
+            let below_mm = -0.1;
+            serde_json::json!({"above_mm": above_mm, "below_mm": below_mm, "places": places})
+        };
+        let cut = |follows: Value, silence: Value| {
+            let (behind, noise) = (part(0.2, 50), part(0.9, 1));
+            let with_noise = part(0.0, 50);
+            wrong_in_cut(&serde_json::json!({
+                "follows": follows, "silence": silence, "follows_behind_silence": behind, "noise": noise,
+                "follows_with_noise": with_noise,
+            }))
+        };
+        assert!(cut(part(0.1, 50), part(0.5, 1)).is_empty());
+        assert_eq!(cut(part(0.41, 50), part(0.5, 1)).len(), 1, "too high");
+        assert_eq!(cut(part(0.1, 2), part(0.5, 1)).len(), 1, "it stays");
+        assert_eq!(cut(part(0.1, 50), part(0.5, 2)).len(), 1, "it moves");
     }
 }

@@ -79,6 +79,8 @@ pub(super) enum AtInputs {
     StepsOf(u8),
     /// A probe and surfaces, as `probe.mjs` has them.
     Probe(&'static str),
+    /// A torch, and a voltage module at UART0, as `torch.mjs` has them.
+    Torch,
 }
 
 /// The programs of the emulator: node, and the folder of rp2040js.
@@ -115,6 +117,7 @@ impl PicoEmulator {
             AtInputs::WaveHz(hz) => command.env("RETRACE_WAVE_HZ", hz.to_string()),
             AtInputs::StepsOf(axis) => command.env("RETRACE_STEP_WIRE", axis.to_string()),
             AtInputs::Probe(surfaces) => command.env("RETRACE_PROBE", surfaces),
+            AtInputs::Torch => command.env("RETRACE_TORCH", "1"),
         };
         if let Some((name, pulses)) = event {
             command.args([name, &pulses.to_string()]);

@@ -49,14 +49,14 @@ const UNIT_TESTS_RP2350: [&str; 7] = ["test", "--locked", "--lib", "--quiet", "-
 type Check<'a> = (&'a str, Result<(), String>, &'a (dyn Fn(&Path) -> Result<bool, String> + Sync));
 
 /// Number of the last checks that are run two at a time: each emulates a Pico, in one thread and in time of its own.
-const EMULATED: usize = 6;
+const EMULATED: usize = 7;
 
 /// Runs the checks whose names contain `part`.
 pub(super) fn run(root: &Path, part: &str) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 12] = [
+    let checks: [Check; 13] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
@@ -65,6 +65,7 @@ pub(super) fn run(root: &Path, part: &str) -> Verdict {
         ("emulation", qemu, &emulation),
         ("emulation of the Pico", rp2040js.clone(), &pico::emulation),
         ("frequency at an input of the Pico", rp2040js.clone(), &pico::frequency),
+        ("voltage from a module at the Pico", rp2040js.clone(), &pico::voltage_module),
         ("step test of the Pico", rp2040js.clone(), &pico::step_test),
         ("probing by the Pico", rp2040js.clone(), &pico::probing),
         ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),

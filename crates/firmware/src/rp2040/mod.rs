@@ -16,6 +16,8 @@ pub mod step_words;
 pub mod unique_number;
 pub mod usb_control;
 pub mod usb_frame;
+pub mod voltage_module;
+pub mod voltage_sentence;
 
 use retrace_link::{CardIdentity, PROTOCOL};
 
@@ -97,7 +99,7 @@ pub const fn identity(chip: Chip) -> CardIdentity {
         inputs: pins::INPUTS,
         has_spindle_pwm: true,
         has_spindle_encoder: false,
-        analog: retrace_link::AnalogCounts::new(0, 1),
+        analog: retrace_link::AnalogCounts::new(0, 2),
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: chip.clock_hz(),

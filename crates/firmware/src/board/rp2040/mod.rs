@@ -121,6 +121,7 @@ impl Board for Rp2040 {
     fn analog_inputs(&mut self) -> AnalogInputs {
         let mut inputs = [None; ANALOG_INPUTS];
         inputs[0] = self.frequency.measure(frequency_input::edges(), stopwatch::now());
+        inputs[1] = self.line.module_reading();
         inputs
     }
 

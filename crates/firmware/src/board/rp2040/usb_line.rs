@@ -285,13 +285,14 @@ impl UsbLine {
             return;
         }
         write_bytes(TO_HOST_BUFFER, &self.sending[..self.sending_count]);
-        // copying a packet takes some microseconds
-        if !self.may_offer() {
-            return;
-        }
-        Buffer::ToHost.give(FULL | self.to_host_kind | self.sending_count as u32);
-        self.to_host_kind ^= DATA_1;
-        (self.is_sending, self.sending_count) = (true, 0);
+        // copying a packet takes some microseconds, and so does an interrupt of UART0
+        cortex_m::interrupt::free(|_| {
+            if self.may_offer() {
+                Buffer::ToHost.give(FULL | self.to_host_kind | self.sending_count as u32);
+                self.to_host_kind ^= DATA_1;
+                (self.is_sending, self.sending_count) = (true, 0);
+            }
+        });
     }
 
     /// Whether no received byte is waiting.
