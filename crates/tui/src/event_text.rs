@@ -29,7 +29,11 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
         EventKind::CutterOff { channel, .. } => {
             let text = event.text();
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
-            format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
+            format!(
+                "{} off: {}",
+                model.facts.output_name(*channel),
+                why.replace("`recover`", "k").replace("`back to cut end`", "J")
+            )
         }
         // the readouts show it
         EventKind::CutterState { .. } => return Vec::new(),

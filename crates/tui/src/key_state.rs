@@ -3,7 +3,9 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
+mod jog_keys;
 mod list_keys;
+mod turn_confirmation;
 
 use retrace_controller::{CutStart, FrameShape, HeightCommand, ManualTask, OperatorCommand};
 use retrace_core::Rate;
@@ -18,6 +20,7 @@ use crate::pending_question::PendingQuestion;
 use crate::prompt_answer::answer;
 use crate::shop_job_page::{self, ShopJobMark};
 use crate::ui_command::UiCommand;
+use turn_confirmation::TurnConfirmation;
 
 /// Dialog over the screen.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -152,6 +155,7 @@ pub(crate) struct KeyState {
     pub open: OpenDialog,
     /// Whether the question follows as soon as the second point on the edge of the sheet is taken.
     pub awaits_edge: bool,
+    turn: TurnConfirmation,
     /// Whether the operator hid the alarm's box.
     pub alarm_aside: bool,
     /// View of the drawing, once the operator has chosen one.
@@ -227,6 +231,7 @@ impl KeyState {
                 | PendingQuestion::Probe
                 | PendingQuestion::WorkZero
                 | PendingQuestion::AlignSheet
+                | PendingQuestion::StartTurned
                 | PendingQuestion::Frame(_)
                 | PendingQuestion::StartContour(_),
                 ..,
@@ -280,8 +285,15 @@ impl KeyState {
         // The next action releases a program that has come to its end.
         let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
         let command = match act {
+            KeyAction::CycleStart if !is_job && !self.turn.is_confirmed(model) => {
+                self.open_dialog(act, key, model);
+                return None;
+            }
             KeyAction::CycleStart if !is_job => return Some(UiCommand::Start),
-            KeyAction::SetUp => return Some(UiCommand::SetUp),
+            KeyAction::SetUp => {
+                self.turn.forget();
+                return Some(UiCommand::SetUp);
+            }
             KeyAction::CycleStart => OperatorCommand::CycleStart,
             KeyAction::Hold => OperatorCommand::Hold,
             KeyAction::Reverse => OperatorCommand::Reverse(self.next_rate(Mode::Reverse, model)),
@@ -295,7 +307,9 @@ impl KeyState {
             KeyAction::Agree if model.question.is_some() => return Some(UiCommand::Answer(true)),
             KeyAction::Decline if model.question.is_some() => return Some(UiCommand::Answer(false)),
             KeyAction::Decline => {
-                self.show_notice("no question is open", now_ms);
+                let is_open = !model.differing_outputs.is_empty();
+                let waits = "nothing is switched, and nothing moves, until you choose: r and w go back along the path";
+                self.show_notice(if is_open { waits } else { "no question is open" }, now_ms);
                 return None;
             }
             KeyAction::Agree if model.differing_outputs.is_empty() => {
@@ -377,6 +391,7 @@ impl KeyState {
     fn open_dialog(&mut self, act: KeyAction, key: Key, model: &ScreenModel) {
         let ask = |ask, text: &str| OpenDialog::Prompt(ask, text.into(), None);
         self.open = match act {
+            KeyAction::CycleStart => ask(PendingQuestion::StartTurned, ""),
             KeyAction::BackBy => ask(PendingQuestion::BackBy, "20"),
             KeyAction::Shift => ask(PendingQuestion::Shift, ""),
             KeyAction::Output => ask(PendingQuestion::Output, ""),
@@ -463,36 +478,6 @@ impl KeyState {
         if forward { counts } else { -counts }
     }
 
-    fn jog(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
-        let letters: Vec<char> = model.facts.axes.iter().map(|axis| axis.letter).collect();
-        // A lathe has no Y: there ↑ ↓ are X, and ← → are Z.
-        let is_lathe = !letters.contains(&'y');
-        let (letter, up) = match key {
-            Key::Left | Key::Right => (if is_lathe { 'z' } else { 'x' }, key == Key::Right),
-            Key::Up | Key::Down => (if is_lathe { 'x' } else { 'y' }, key == Key::Up),
-            Key::PageUp | Key::PageDown => ('z', key == Key::PageUp),
-            _ => (*letters.get(self.axis)?, key == Key::Char(']')),
-        };
-        if !letters.contains(&letter) {
-            self.show_notice(format!("this machine has no axis {}", letter.to_ascii_uppercase()), now_ms);
-            return None;
-        }
-        let step = STEPS_MM.get(self.step).copied().flatten();
-        let is_paused = model.stage == ScreenStage::Job;
-        Some(match step {
-            // Jogs of a paused program are steps, each of which is recorded.
-            _ if is_paused => {
-                let mm = step.unwrap_or(10.0);
-                UiCommand::Job(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
-            }
-            Some(mm) => UiCommand::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
-            // A key that is held down repeats itself; pressed once more, it stops.
-            None if std::mem::replace(&mut self.jogged_at_ms, now_ms) + REPEATED_MS > now_ms => return None,
-            None if !model.at_rest => UiCommand::Job(OperatorCommand::Hold),
-            None => UiCommand::Task(ManualTask::JogOn { axis: letter, up }),
-        })
-    }
-
     /// Handles a key while a dialog is open.
     fn key_in_box(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // At the end of the program nothing moves, and file names may have blanks.
@@ -530,9 +515,16 @@ impl KeyState {
             (ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest), Key::Char('y')) => answer(ask, "", model),
             // A figure is looked at more often than reset.
             (ask @ PendingQuestion::ConsumablesChanged, Key::Char('0')) => answer(ask, "", model),
+            (PendingQuestion::StartTurned, Key::Char('y')) => {
+                self.turn.confirm(model);
+                Ok(UiCommand::Start)
+            }
             (PendingQuestion::StartContour(number), Key::Char('y')) => Ok(UiCommand::StartContour(number)),
             (PendingQuestion::Frame(shape), Key::Char('y')) => Ok(UiCommand::Frame(shape)),
-            (PendingQuestion::AlignSheet, Key::Char('y')) => Ok(UiCommand::AlignSheet),
+            (PendingQuestion::AlignSheet, Key::Char('y')) => {
+                self.turn.begin_to_set(model);
+                Ok(UiCommand::AlignSheet)
+            }
             (PendingQuestion::AlignSheet, Key::Char('n') | Key::Esc | Key::Interrupt) => Ok(UiCommand::ForgetSheet),
             // Two points took their time: a jog that comes late, or the key that has opened the question, loses none.
             (PendingQuestion::AlignSheet, _) => return None,

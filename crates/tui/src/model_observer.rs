@@ -456,6 +456,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
 fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.retraced_periods, model.held_periods) = (0, 0);
+    model.manual_result.clear();
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
     (model.cut_end_line, model.lost_cutter, model.is_stopping) = (None, None, false);

@@ -29,6 +29,8 @@ pub(crate) enum PendingQuestion {
     ConsumablesChanged,
     /// Whether to start the program at this contour.
     StartContour(u32),
+    /// Whether to start the program although a turn of an earlier job is in force.
+    StartTurned,
     /// Whether to set the work coordinates by the edge of the sheet.
     AlignSheet,
     /// Whether to trace a frame.

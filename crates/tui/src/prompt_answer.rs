@@ -33,8 +33,10 @@ pub(crate) fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> R
             let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());
             match (lower.as_str(), axis) {
                 ("all", _) => Ok(UiCommand::Task(ManualTask::WorkZero(None))),
+                // The turn of the system in force, which a zero does not end.
+                ("straight", _) => Ok(UiCommand::Task(ManualTask::Mdi("G10 L2 P0 R0".into()))),
                 (_, Some(axis)) => Ok(UiCommand::Task(ManualTask::WorkZero(Some(axis.letter)))),
-                _ => Err("enter all or an axis letter".into()),
+                _ => Err("enter all, an axis letter or straight".into()),
             }
         }
         PendingQuestion::ToolLength if text.starts_with("at ") => {
@@ -57,6 +59,7 @@ pub(crate) fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> R
         PendingQuestion::ConsumablesChanged => Ok(UiCommand::ConsumablesChanged),
         PendingQuestion::SenseTest => Ok(UiCommand::Task(ManualTask::SenseTest)),
         PendingQuestion::TestPulse => Ok(UiCommand::Task(ManualTask::TestPulse)),
+        PendingQuestion::StartTurned => Ok(UiCommand::Start),
         PendingQuestion::StartContour(number) => Ok(UiCommand::StartContour(number)),
         PendingQuestion::AlignSheet => Ok(UiCommand::AlignSheet),
         PendingQuestion::Frame(shape) => Ok(UiCommand::Frame(shape)),

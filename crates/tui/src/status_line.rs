@@ -163,6 +163,10 @@ fn normal(model: &ScreenModel) -> StatusHint {
         KeyAction::Quit,
     ];
     match model.hold_reason {
+        HoldReason::Hold if !model.at_rest && model.lost_cutter.is_some() => {
+            let name = model.lost_cutter.map(|channel| model.facts.output_name(channel)).unwrap_or_default();
+            hint(HintLevel::Waiting, "STOPPING", format!("{name} went out: braking on the path, then k"), &[])
+        }
         HoldReason::Hold if !model.at_rest => {
             hint(HintLevel::Waiting, "STOPPING", "feed hold: braking on the path", &held)
         }
@@ -276,7 +280,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
     let stands = match model.cut_end_line {
         Some(line) => {
             at_rest.insert(0, KeyAction::CutFromHere);
-            format!("{back}; the cut ends in line {line}, K cuts on from here")
+            format!("{back}; the cut ends in line {line}, K FIRES and cuts on")
         }
         None => {
             if !model.facts.cutters.is_empty() {

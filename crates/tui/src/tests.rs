@@ -360,7 +360,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     says(" 0.0 mm back — Space");
     lock_model(&model).oldest = RecordIndex::new(0) - 9;
     set(Mode::Reverse, HoldReason::None, true);
-    says(" 0.0 mm back; the cut ends in line 14, K cuts on from here — K cut here");
+    says(" 0.0 mm back; the cut ends in line 14, K FIRES and cuts on — K cut here");
     set(Mode::AwaitOutputs, HoldReason::None, true);
     event(EventKind::OutputsDiffer(DifferingOutputs::first(&mut [DifferingOutput::new(64, 0, 1)].into_iter())));
     says(" y starts the cutter here; k goes back, FIRES and cuts on");

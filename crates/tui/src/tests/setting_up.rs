@@ -66,3 +66,36 @@ fn points_on_the_edge_of_a_sheet_are_forgotten_by_esc_alone() {
         assert_eq!(bench.key(key), Some(UiCommand::ForgetSheet), "{count} {key:?}");
     }
 }
+
+/// A turn of an earlier job is asked about once; one that was set here is not, and a released job ends the answer.
+#[test]
+fn a_turn_of_an_earlier_job_is_asked_about_before_the_start() {
+    let mut bench = ScreenFixture::new();
+    let turn = |bench: &ScreenFixture, degrees| lock_model(&bench.model).work_rotation_deg = degrees;
+    turn(&bench, 2.862);
+    assert_eq!(bench.key(Key::Char('c')), None);
+    let shown = text(&bench.screen(80, 24));
+    assert!(shown.contains("TURNED by +2.862°") && shown.contains("the same sheet?"), "{shown}");
+    assert_eq!(bench.key(Key::Char('n')), None);
+    let end_of_turn = UiCommand::Task(ManualTask::Mdi("G10 L2 P0 R0".into()));
+    bench.keys("zstraight");
+    assert_eq!(bench.key(Key::Enter), Some(end_of_turn));
+    bench.keys("c");
+    assert_eq!(bench.key(Key::Char('y')), Some(UiCommand::Start));
+    assert_eq!(bench.key_state.key(Key::Char('c'), 0, &in_setup(&bench)), Some(UiCommand::Start), "it was answered");
+    // Set anew: no question.
+    let mut model = in_setup(&bench);
+    model.sheet_points = vec![[60.0, 40.0], [260.0, 50.0]];
+    assert_eq!(bench.key_state.key(Key::Char('E'), 0, &model), None);
+    assert_eq!(bench.key_state.key(Key::Char('y'), 0, &model), Some(UiCommand::AlignSheet));
+    model.sheet_points.clear();
+    model.work_rotation_deg = 1.0;
+    assert_eq!(bench.key_state.key(Key::Char('c'), 0, &model), Some(UiCommand::Start));
+    model.work_rotation_deg = 3.0;
+    assert_eq!(bench.key_state.key(Key::Char('c'), 0, &model), None, "another one than was set");
+}
+
+/// What the fixture shows, with no job begun.
+fn in_setup(bench: &ScreenFixture) -> crate::ScreenModel {
+    crate::ScreenModel { stage: crate::ScreenStage::Setup, at_rest: true, ..bench.picture() }
+}

@@ -174,6 +174,11 @@ fn prompt(
             "Cycle and its lengths in mm; with g54 to g59.3 the result becomes that zero:",
             "Enter OK, the probe MOVES · Esc cancel",
         ),
+        PendingQuestion::WorkZero if model.work_rotation_deg != 0.0 => (
+            "work zero, TURNED",
+            "Set the zero here for this axis, or all, which stays turned; straight: end the turn:",
+            "Enter OK · Esc cancel",
+        ),
         PendingQuestion::WorkZero => ("work zero", "Set the zero here for this axis, or all:", "Enter OK · Esc cancel"),
         PendingQuestion::ToolLength => (
             "tool length",
@@ -182,6 +187,16 @@ fn prompt(
         ),
         PendingQuestion::Program => {
             ("open a program", "Program file, Tab completes its name:", "Enter OK · Esc cancel")
+        }
+        PendingQuestion::StartTurned => {
+            let turned = format!("The work coordinates are TURNED by {:+.3}°, set before.", model.work_rotation_deg);
+            let lines = [
+                turned,
+                "Does the sheet still lie so? E sets its edge anew, z straight ends the turn.".into(),
+                "y START · any other key: cancel".into(),
+            ];
+            draw_box(out, "the same sheet?", &lines, theme);
+            return;
         }
         PendingQuestion::StartContour(number) => {
             let question = format!("The program begins at contour {number}: the cutter is lit there.");
@@ -198,9 +213,11 @@ fn prompt(
         }
         PendingQuestion::AlignSheet => {
             let keys = "y set zero and direction · n or Esc: forget both points".to_owned();
+            let width = usize::from(out.area.width.clamp(20, 110)) - 6;
             let lines: Vec<String> = [Some(sheet_text::of(model)), sheet_text::travel_text(model), Some(keys)]
                 .into_iter()
                 .flatten()
+                .flat_map(|line| fold(&line, width, 0))
                 .collect();
             draw_box(out, "the edge of the sheet", &lines, theme);
             return;
