@@ -9,6 +9,22 @@ use retrace_link::{CardIdentity, PROTOCOL};
 /// Names of the boards.
 pub const NAMES: [&str; 5] = ["pico", "pico2", "f401", "f405", "f411"];
 
+/// How a board reads the encoder of a spindle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EncoderInputs {
+    /// Number of inputs that the encoder takes, from input 0 on.
+    pub count: u8,
+    /// Highest rate of its counts, in counts per second.
+    pub max_counts_hz: u32,
+}
+
+/// How the board with this identity reads the encoder of a spindle; `None` for a card that is none of the boards, whose
+/// encoder takes no input, or that reads none.
+pub fn encoder_inputs(identity: &CardIdentity) -> Option<EncoderInputs> {
+    let is_pico = identity.name.starts_with(b"retrace-rp2") && identity.has_spindle_encoder;
+    is_pico.then_some(EncoderInputs { count: 3, max_counts_hz: 250_000 })
+}
+
 /// What the card on a board reports of itself; `None` for an unknown board.
 pub fn identity(name: &str) -> Option<CardIdentity> {
     let stm32f4 = |min_period_us| CardIdentity {
@@ -33,7 +49,8 @@ pub fn identity(name: &str) -> Option<CardIdentity> {
         name: *b"retrace-rp2040\0\0",
         inputs: 6,
         has_spindle_pwm: true,
-        has_spindle_encoder: false,
+        // at its first inputs
+        has_spindle_encoder: true,
         // a frequency at its last input, and a voltage module at UART0
         analog: retrace_link::AnalogCounts::new(0, 2),
         tick_hz: 125_000_000,

@@ -8,11 +8,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_serial::{Address, SerialPort};
 use retrace_link::{
-    CardFailure, CardIdentity, CardSettings, CardStatus, HostCommand, InputUse, LinkError, LinkTimeouts, LinkedCard,
-    LinkedCardError, MotionCard, PathStart, channel,
+    CardFailure, CardIdentity, CardSettings, CardStatus, HostCommand, InputSetting, InputUse, LinkError, LinkTimeouts,
+    LinkedCard, LinkedCardError, MotionCard, PathStart, channel,
 };
 
 use crate::command_failure::CommandFailure;
+use crate::known_boards;
 
 /// Card behind a serial port or a pseudo-terminal.
 pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
@@ -114,11 +115,37 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
     if machine.encoder.is_some() && !identity.has_spindle_encoder {
         misfits.push("spindle.counts_per_turn is set; the card reads no encoder of a spindle".into());
     }
+    misfits.extend(encoder_misfits(identity, machine, &settings.inputs));
     if let (true, Err(_)) = (misfits.is_empty(), max_pulses) {
         misfits
             .push("the card does not support this step_pulse_us and direction_setup_us at this control period".into());
     }
     misfits.dedup();
+    misfits
+}
+
+/// What of the spindle's encoder a board cannot do: a Pico reads it at inputs, which are nothing else then.
+fn encoder_misfits(identity: &CardIdentity, machine: &MachineConfig, inputs: &[InputSetting]) -> Vec<String> {
+    let (Some(encoder), Some(board)) = (&machine.encoder, known_boards::encoder_inputs(identity)) else {
+        return Vec::new();
+    };
+    let used = inputs.iter().enumerate().take(usize::from(board.count));
+    let mut misfits: Vec<String> = used
+        .filter(|(_, setting)| setting.used_for != InputUse::Plain)
+        .map(|(number, _)| {
+            let last = board.count - 1;
+            format!("input {number} is declared; inputs 0 to {last} of the card are the spindle's encoder")
+        })
+        .collect();
+    let (counts, speed) = (encoder.settings.counts_per_turn, encoder.settings.highest_speed);
+    let counts_hz = u64::from(counts) * u64::from(speed) / 60_000;
+    if counts_hz > u64::from(board.max_counts_hz) {
+        let most = board.max_counts_hz;
+        misfits.push(format!(
+            "the spindle's encoder has up to {counts_hz} counts per second (spindle.counts_per_turn, spindle.max_rpm), \
+                the card reads {most}"
+        ));
+    }
     misfits
 }
 

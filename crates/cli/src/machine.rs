@@ -384,6 +384,28 @@ mod tests {
         );
     }
 
+    /// A spindle's encoder takes the first inputs of a Pico, up to a rate of its counts.
+    #[test]
+    fn an_encoder_fits_a_pico_whose_inputs_are_free() {
+        let pico = known_boards::identity("pico").expect("known");
+        let misfits = |input: u8, counts: u32| {
+            let text = format!(
+                "[[card.input]]\nnumber = {input}\nuse = \"emergency-stop\"\n\
+                 [spindle]\ncounts_per_turn = {counts}\nmax_rpm = 3000.0\n"
+            );
+            misfits_of_board(&text, "pico", &pico).into_iter().map(|it| it.cause).collect::<Vec<_>>()
+        };
+        assert_eq!(misfits(3, 5000), [""; 0]);
+        let taken = misfits(2, 4000);
+        assert!(taken.len() == 1 && taken[0].contains("inputs 0 to 2 of the card are"), "{taken:?}");
+        let fast = misfits(3, 5001);
+        assert!(fast.len() == 1 && fast[0].contains("up to 250050 counts per second"), "{fast:?}");
+        let f405 = known_boards::identity("f405").expect("known");
+        let lathe = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000.0\n";
+        let without = misfits_of_board(lathe, "f405", &f405);
+        assert!(without.iter().any(|it| it.cause.contains("reads no encoder")), "{without:?}");
+    }
+
     #[test]
     fn every_kind_says_what_it_is_and_what_it_needs() {
         for kind in KINDS {

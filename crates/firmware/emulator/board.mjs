@@ -69,6 +69,8 @@ export class Board {
     this.frozen = false;
     /** A pin that is driven with a frequency: the pin, the cycles between two edges, the next one, and its level. */
     this.wave = undefined;
+    /** A spindle with an encoder (spindle.mjs). */
+    this.spindle = undefined;
     /** What is to be done once, and the cycle. */
     this.later = undefined;
     /** Cycle in which the watchdog reset the chip. */
@@ -169,6 +171,7 @@ export class Board {
       }
       this.cycles = end;
       if (this.wave && this.wave.next <= end) this.driveWave(end);
+      if (this.spindle && this.spindle.next <= end) this.spindle.drive(end);
       if (this.later && this.later.at <= end) this.doLater();
     }
   }

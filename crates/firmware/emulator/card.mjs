@@ -9,17 +9,18 @@
 // Invariant: a byte takes the time of the line in either direction; between bytes nothing waits for this computer.
 //
 // RETRACE_WAVE_HZ drives the pin of input 5, whose frequency the card measures, with a square wave; RETRACE_STEP_WIRE is
-// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs). RETRACE_TORCH is a torch
-// with a voltage module at UART0 (torch.mjs), where the line is USB. RETRACE_FLASH_NUMBER are the 16 hexadecimal digits
-// of the flash's unique number.
+// the number of an axis whose step output is wired to it. RETRACE_PROBE is a probe (probe.mjs), RETRACE_SPINDLE a spindle
+// with an encoder (spindle.mjs). RETRACE_TORCH is a torch with a voltage module at UART0 (torch.mjs), where the line is
+// USB. RETRACE_FLASH_NUMBER are the 16 hexadecimal digits of the flash's unique number.
 //
 // Usage: node card.mjs IMAGE uart|usb [EVENT PULSES] EVENT happens in motion, once so many pulses were seen at the pins
 // and the spindle is on: `freeze` (the processor does nothing any more), `stuck` (the state machine that begins the
 // control periods stops), `panic` (the firmware finds a defect of its own), `cut` (the line is cut, in both
 // directions), `unplug` (the USB cable is pulled out, the card keeps its power), `kill` (the other side is to end the
 // host; what it sends meanwhile is lost, and its port is closed), `reset` (the supply breaks down for a moment: every pin
-// is an input at once, and the chip starts anew; over UART0, whose adapter stays). It is over half a second of the chip's time later, or
-// with the reset by the watchdog. The run ends then; after `unplug`, `kill` and `reset` the card can be reached again, and the
+// is an input at once, and the chip starts anew; over UART0, whose adapter stays), `encoder` (the spindle's encoder shows
+// no count any more). It is over half a second of the chip's time later, a tenth after `encoder`, or with the reset by the
+// watchdog. The run ends then; after `unplug`, `kill` and `reset` the card can be reached again, and the
 // run continues.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
@@ -27,6 +28,7 @@ import { findings } from './findings.mjs';
 import { Flash } from './flash.mjs';
 import { Probe } from './probe.mjs';
 import { Scope } from './scope.mjs';
+import { Spindle } from './spindle.mjs';
 import { Torch } from './torch.mjs';
 import { UsbHost } from './usb_host.mjs';
 
@@ -34,6 +36,7 @@ const [, , image, line, event, pulses] = process.argv;
 const BYTE = 1250;
 const SLICE = 12500;
 const AFTER_EVENT = 62_500_000;
+const AFTER_DEATH = 12_500_000;
 const SPINDLE = 14;
 const [FIRST_STEP_PIN, FREQUENCY_PIN] = [2, 21];
 const INPUTS = [16, 17, 18, 19, 20, 21, 27, 28];
@@ -46,6 +49,7 @@ if (process.env.RETRACE_WAVE_HZ) board.startWave(FREQUENCY_PIN, +process.env.RET
 if (process.env.RETRACE_STEP_WIRE) board.wire(FIRST_STEP_PIN + +process.env.RETRACE_STEP_WIRE, FREQUENCY_PIN);
 if (process.env.RETRACE_PROBE) new Probe(board, scope, process.env.RETRACE_PROBE);
 const torch = process.env.RETRACE_TORCH ? new Torch(board, scope) : undefined;
+const spindle = process.env.RETRACE_SPINDLE && new Spindle(board, scope, process.env.RETRACE_SPINDLE);
 
 const toCard = [];
 const fromCard = [];
@@ -84,6 +88,7 @@ function happen() {
   if (event === 'freeze') board.frozen = true;
   if (event === 'stuck') board.stopFrameMachine();
   if (event === 'reset') startAnew();
+  if (event === 'encoder') spindle.isDead = true;
   if (event === 'panic') board.mcu.core.PC = board.addressOf('rust_begin_unwind') & ~1;
   send(2, 1, []);
 }
@@ -140,7 +145,7 @@ function slice() {
   if (fromCard.length > 0) send(0, fromCard.length, fromCard.splice(0));
   if (received > 0) send(1, received, []);
   received = 0;
-  if (happened && !isOver && board.cycles - happened.at > AFTER_EVENT) endEvent();
+  if (happened && !isOver && board.cycles - happened.at > (event === 'encoder' ? AFTER_DEATH : AFTER_EVENT)) endEvent();
   const goesOn = !happened || GOES_ON.includes(event);
   if ((goesOn ? ended : isOver) || board.watchdogAt !== undefined) return report();
   setImmediate(slice);
@@ -159,6 +164,7 @@ function report() {
       watchdog: board.watchdogAt === undefined ? null : board.watchdogAt - happened.at,
       high_pins: scope.highPins(),
     },
+    thread: spindle ? spindle.passes : null,
     watchdog_at: board.watchdogAt ?? null,
   };
   console.error(JSON.stringify(found));

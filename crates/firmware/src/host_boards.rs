@@ -23,4 +23,11 @@ fn the_command_knows_the_boards_as_they_are() {
         assert_eq!(known_boards::identity(name), Some(identity), "{name}");
     }
     assert_eq!(known_boards::identity("f103"), None);
+    for (name, identity) in boards {
+        let expected = name.starts_with("pico").then_some(known_boards::EncoderInputs {
+            count: rp2040::pins::SPINDLE_INPUTS,
+            max_counts_hz: rp2040::spindle_decoder::MAX_COUNTS_HZ,
+        });
+        assert_eq!(known_boards::encoder_inputs(&identity), expected, "{name}");
+    }
 }

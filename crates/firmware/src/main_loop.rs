@@ -86,7 +86,8 @@ fn run_period(card: &mut Card, board: &mut ThisBoard, steps: &mut Steps) {
     let levels = board.input_levels();
     let (levels, probe) = board.read_probe(levels);
     let (encoder, analog) = (board.encoder(), board.analog_inputs());
-    let inputs = InputLevels { levels, encoder, analog, probe, ..InputLevels::default() };
+    let spindle = board.read_spindle(card.settings().is_some_and(|settings| settings.settings().spindle.is_some()));
+    let inputs = InputLevels { levels, encoder, spindle, analog, probe, ..InputLevels::default() };
     let status = card.run_period(inputs);
     board.set_outputs(&status.outputs);
     board.set_spindle_pwm(card.card().spindle_pwm());

@@ -10,6 +10,7 @@ mod emulator;
 mod pico;
 mod pico_emulator;
 mod pico_failures;
+mod pico_threads;
 mod sections;
 mod test;
 mod uf2;

@@ -35,6 +35,11 @@ impl Rig {
         Ok(Self { image: IMAGE.run(root)?, binary: suite::build_command(root)? })
     }
 
+    /// The image.
+    pub(super) fn image(&self) -> &Path {
+        &self.image
+    }
+
     /// Starts the emulator with its line; `event` happens after so many pulses.
     ///
     /// # Errors

@@ -81,6 +81,8 @@ pub(super) enum AtInputs {
     Probe(&'static str),
     /// A torch, and a voltage module at UART0, as `torch.mjs` has them.
     Torch,
+    /// A spindle with an encoder, as `spindle.mjs` has it.
+    Spindle(&'static str),
 }
 
 /// The programs of the emulator: node, and the folder of rp2040js.
@@ -118,6 +120,7 @@ impl PicoEmulator {
             AtInputs::StepsOf(axis) => command.env("RETRACE_STEP_WIRE", axis.to_string()),
             AtInputs::Probe(surfaces) => command.env("RETRACE_PROBE", surfaces),
             AtInputs::Torch => command.env("RETRACE_TORCH", "1"),
+            AtInputs::Spindle(spindle) => command.env("RETRACE_SPINDLE", spindle),
         };
         if let Some((name, pulses)) = event {
             command.args([name, &pulses.to_string()]);

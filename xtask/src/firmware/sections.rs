@@ -21,7 +21,7 @@ impl Budget {
     /// For every STM32F4: it fits the smallest of them.
     const STM32F4: Self = Self { flash: 64 * 1024, ram: 48 * 1024, stack: 10 * 1024 };
     /// The code of a Pico is in RAM, too; so is that of a Pico 2, which has more of it.
-    const PICO: Self = Self { flash: 256 * 1024, ram: 192 * 1024, stack: 16 * 1024 };
+    const PICO: Self = Self { flash: 256 * 1024, ram: 208 * 1024, stack: 16 * 1024 };
 
     pub(super) const fn of(board: Board) -> Self {
         if matches!(board, Board::Pico | Board::Pico2) { Self::PICO } else { Self::STM32F4 }

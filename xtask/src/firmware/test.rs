@@ -14,7 +14,7 @@ use super::diagnostics::{self, Diagnostics};
 use super::elf::Image;
 use super::emulator::{self, Emulator};
 use super::sections::Budget;
-use super::{pico, pico_emulator, pico_failures, sections};
+use super::{pico, pico_emulator, pico_failures, pico_threads, sections};
 use crate::suite;
 use retrace_task_support::process;
 
@@ -68,6 +68,7 @@ pub(super) fn run(root: &Path, part: &str) -> Verdict {
         ("voltage from a module at the Pico", rp2040js.clone(), &pico::voltage_module),
         ("step test of the Pico", rp2040js.clone(), &pico::step_test),
         ("probing by the Pico", rp2040js.clone(), &pico::probing),
+        ("threads by the Pico", rp2040js.clone(), &pico_threads::emulation),
         ("failures of the Pico", rp2040js.clone(), &pico_failures::emulation),
         ("pins of the Pico against the simulator", rp2040js, &pico::comparison),
     ];

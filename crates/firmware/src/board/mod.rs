@@ -4,7 +4,7 @@
 //! microcontroller.
 
 use retrace_card::spindle_pwm::PwmSignal;
-use retrace_card::{AwaitedProbe, ProbeReading};
+use retrace_card::{AwaitedProbe, EncoderReading, ProbeReading};
 use retrace_firmware::AXES;
 use retrace_firmware::step_batch::StepBatch;
 use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
@@ -72,6 +72,12 @@ pub(crate) trait Board {
 
     /// Captures this edge from now on, where the board can.
     fn await_probe(&mut self, _awaited: Option<AwaitedProbe>) {}
+
+    /// Reads what the encoder of the spindle has shown in the control period that has ended, once in each. `is_used`:
+    /// the settings have an encoder. A board that reads none has nothing to do: the card refuses such settings.
+    fn read_spindle(&mut self, _is_used: bool) -> EncoderReading {
+        EncoderReading::default()
+    }
 
     /// Returns the readings of the analog inputs, once in a control period; a board without any has none.
     fn analog_inputs(&mut self) -> AnalogInputs {

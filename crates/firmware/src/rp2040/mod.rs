@@ -5,6 +5,7 @@
 
 pub mod frequency;
 pub mod line_selector;
+pub mod period_clock;
 pub mod pins;
 #[cfg(test)]
 mod pio_model;
@@ -12,6 +13,7 @@ pub mod pio_programs;
 pub mod probe_capture;
 pub mod pwm;
 pub mod quadrature;
+pub mod spindle_decoder;
 pub mod step_words;
 pub mod unique_number;
 pub mod usb_control;
@@ -98,7 +100,7 @@ pub const fn identity(chip: Chip) -> CardIdentity {
         outputs: pins::DIGITAL_OUTPUTS,
         inputs: pins::INPUTS,
         has_spindle_pwm: true,
-        has_spindle_encoder: false,
+        has_spindle_encoder: true,
         analog: retrace_link::AnalogCounts::new(0, 2),
         window: WINDOW as u32,
         memory: MEMORY as u16,

@@ -34,6 +34,11 @@ pub const FIRST_INPUT_PIN: u8 = 16;
 /// Pin whose frequency is measured, as analog input 0: that of the last input, which it remains. It is the input B of a
 /// slice of the PWM, whose counter counts its edges.
 pub const FREQUENCY_PIN: u8 = 21;
+/// Pin of the spindle encoder's A; its B and its index follow it. They are those of inputs 0, 1 and 2, which remain
+/// inputs.
+pub const FIRST_SPINDLE_PIN: u8 = FIRST_INPUT_PIN;
+/// Number of inputs that a spindle's encoder takes, from input 0 on.
+pub const SPINDLE_INPUTS: u8 = 3;
 /// A and B of the handwheel's encoder.
 pub const ENCODER_PINS: [u8; 2] = [27, 28];
 /// The gate: high at the beginning of every control period, and not led out. It is the light of the Pico, which stays

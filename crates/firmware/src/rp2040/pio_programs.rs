@@ -127,6 +127,12 @@ pub const CAPTURE_RISING_AT: usize = FRAME.len();
 /// Address of [`CAPTURE_FALLING`].
 pub const CAPTURE_FALLING_AT: usize = CAPTURE_RISING_AT + 7;
 
+/// A sample of the spindle's encoder: `in pins, 4`, which is a program of its own. Its first input pin is A.
+pub const SAMPLE: u16 = 0x4000 | super::spindle_decoder::BITS_PER_SAMPLE as u16;
+/// Address of [`SAMPLE`], behind [`CAPTURE_FALLING`].
+pub const SAMPLE_AT: usize = CAPTURE_FALLING_AT + CAPTURE_FALLING.len();
+const _: () = assert!(SAMPLE_AT < 32);
+
 const fn capture(at: u16, is_rising: bool) -> [u16; 7] {
     const WAIT_FOR_PIN: u16 = 0x2020;
     const PIN: u16 = 6;

@@ -3,6 +3,7 @@
 //! Invariant: every address is that of an aligned 32-bit register or the begin of a block of them; none is of the DMA.
 
 use super::clock::{CRYSTAL_MHZ, Factors};
+use super::sample_ring::DmaFields;
 
 pub(super) const CLOCKS: usize = 0x4000_8000;
 pub(super) const RESETS: usize = 0x4000_c000;
@@ -29,10 +30,13 @@ pub(super) const TIMER_INTERRUPT_ENABLE: usize = TIMER + 0x38;
 pub(super) const PINS_OUTPUT_ENABLE: usize = 0xd000_0020;
 /// In the control of a pin: its level is low whatever its function (2.19.6.1).
 pub(super) const FORCED_LOW: u32 = 2 << 8;
-/// Resets of the pins and their pads, both blocks of state machines, both PLLs, the PWM, the timer, UART0 and the USB
-/// controller (2.14.3).
+/// Resets of the DMA, the pins and their pads, both blocks of state machines, both PLLs, the PWM, the timer, UART0 and
+/// the USB controller (2.14.3).
 pub(super) const PERIPHERALS: u32 =
-    1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 24;
+    1 << 2 | 1 << 5 | 1 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 24;
+/// Where the control of a DMA channel has its fields (2.5.7).
+pub(super) const DMA_FIELDS: DmaFields =
+    DmaFields { increment_write: 5, ring_size: 6, ring_of_write: 10, chain_to: 11, request: 15, is_quiet: 21 };
 /// What starts the ticks of a microsecond: register and value (4.7.6).
 pub(super) const TICKS: [(usize, u32); 1] = [(WATCHDOG + 0x2c, 1 << 9 | CRYSTAL_MHZ)];
 /// The watchdog counts down twice a microsecond (erratum RP2040-E1).

@@ -4,6 +4,7 @@
 //! Invariant: every address is that of an aligned 32-bit register or the begin of a block of them; none is of the DMA.
 
 use super::clock::{CRYSTAL_MHZ, Factors};
+use super::sample_ring::DmaFields;
 
 pub(super) const CLOCKS: usize = 0x4001_0000;
 pub(super) const RESETS: usize = 0x4002_0000;
@@ -31,10 +32,13 @@ pub(super) const TIMER_INTERRUPT_ENABLE: usize = TIMER + 0x40;
 pub(super) const PINS_OUTPUT_ENABLE: usize = 0xd000_0030;
 /// In the control of a pin: its level is low whatever its function.
 pub(super) const FORCED_LOW: u32 = 2 << 12;
-/// Resets of the pins and their pads, both blocks of state machines, both PLLs, the PWM, the timer, UART0 and the
-/// USB controller.
+/// Resets of the DMA, the pins and their pads, both blocks of state machines, both PLLs, the PWM, the timer, UART0 and
+/// the USB controller.
 pub(super) const PERIPHERALS: u32 =
-    1 << 6 | 1 << 9 | 1 << 11 | 1 << 12 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 23 | 1 << 26 | 1 << 28;
+    1 << 2 | 1 << 6 | 1 << 9 | 1 << 11 | 1 << 12 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 23 | 1 << 26 | 1 << 28;
+/// Where the control of a DMA channel has its fields (12.6.10).
+pub(super) const DMA_FIELDS: DmaFields =
+    DmaFields { increment_write: 6, ring_size: 8, ring_of_write: 12, chain_to: 13, request: 17, is_quiet: 23 };
 /// What starts the ticks of a microsecond, of the timer and of the watchdog: register and value.
 pub(super) const TICKS: [(usize, u32); 4] = [
     (TICK_GENERATORS + 0x1c, CRYSTAL_MHZ),

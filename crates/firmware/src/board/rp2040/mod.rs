@@ -13,7 +13,9 @@ mod line;
 mod ports;
 mod probe_input;
 mod registers;
+mod sample_ring;
 mod serial;
+mod spindle_input;
 mod spindle_pwm;
 mod step_generator;
 #[cfg_attr(feature = "rp2040", path = "unique_number_rp2040.rs")]
@@ -23,7 +25,7 @@ mod usb_line;
 mod watchdog;
 
 use retrace_card::spindle_pwm::PwmSignal;
-use retrace_card::{AwaitedProbe, ProbeReading};
+use retrace_card::{AwaitedProbe, EncoderReading, ProbeReading};
 use retrace_firmware::rp2040::IDENTITY;
 use retrace_firmware::rp2040::frequency::FrequencyMeter;
 use retrace_firmware::step_batch::StepBatch;
@@ -33,6 +35,7 @@ use retrace_link::{ANALOG_INPUTS, AnalogInputs, CardIdentity, Outputs};
 use super::{Board, stopwatch};
 use line::Line;
 use probe_input::ProbeInput;
+use spindle_input::SpindleInput;
 use spindle_pwm::SpindlePwm;
 use step_generator::StepGenerator;
 
@@ -40,6 +43,7 @@ use step_generator::StepGenerator;
 pub(crate) struct Rp2040 {
     steps: StepGenerator,
     probe: ProbeInput,
+    spindle: SpindleInput,
     line: Line,
     spindle_pwm: SpindlePwm,
     frequency: FrequencyMeter,
@@ -63,7 +67,8 @@ impl Board for Rp2040 {
         let unique_number = unique_number::read();
         let line = Line::start(unique_number.map(boot::serial_number));
         let unique_number = unique_number.unwrap_or_default();
-        Self { steps, probe, line, spindle_pwm, frequency: FrequencyMeter::new(), unique_number }
+        let (spindle, frequency) = (SpindleInput::new(), FrequencyMeter::new());
+        Self { steps, probe, spindle, line, spindle_pwm, frequency, unique_number }
     }
 
     fn set_all_low() {
@@ -107,7 +112,7 @@ impl Board for Rp2040 {
     }
 
     fn input_levels(&self) -> u16 {
-        ports::input_levels()
+        ports::input_levels() | self.spindle.taken_inputs()
     }
 
     fn read_probe(&mut self, levels: u16) -> (u16, ProbeReading) {
@@ -116,6 +121,10 @@ impl Board for Rp2040 {
 
     fn await_probe(&mut self, awaited: Option<AwaitedProbe>) {
         self.probe.await_edge(awaited);
+    }
+
+    fn read_spindle(&mut self, is_used: bool) -> EncoderReading {
+        self.spindle.read(is_used, &mut self.steps)
     }
 
     fn analog_inputs(&mut self) -> AnalogInputs {

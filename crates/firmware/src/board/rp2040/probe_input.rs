@@ -4,7 +4,7 @@
 //! the next period is low again, so that none is read a period late.
 
 use super::registers::Pio;
-use super::step_generator::{FRAME_MACHINE, StepGenerator};
+use super::step_generator::StepGenerator;
 use retrace_card::{AwaitedProbe, ProbeReading};
 use retrace_firmware::rp2040::pins::{FIRST_INPUT_PIN, GATE_PIN};
 use retrace_firmware::rp2040::pio_programs::{
@@ -41,7 +41,7 @@ impl ProbeInput {
             return;
         }
         self.capture.begin(awaited);
-        Pio::Frame.control().write(1 << FRAME_MACHINE);
+        Pio::Frame.control().clear_bits(1 << MACHINE);
         let Some(AwaitedProbe { input, is_high }) = awaited else { return };
         let from = if is_high { CAPTURE_RISING_AT } else { CAPTURE_FALLING_AT };
         let (first, last) = (from as u32, (from + CAPTURE_RISING.len() - 1) as u32);
@@ -49,9 +49,9 @@ impl ProbeInput {
         Pio::Frame.shifting(MACHINE).write(JOINED);
         Pio::Frame.shifting(MACHINE).write(0);
         Pio::Frame.pins(MACHINE).write(u32::from(FIRST_INPUT_PIN + input) << 15);
-        Pio::Frame.control().write(1 << FRAME_MACHINE | 1 << (4 + MACHINE));
+        Pio::Frame.control().set_bits(1 << (4 + MACHINE));
         Pio::Frame.execute(MACHINE).write(u32::from(jump_to(from as u16)));
-        Pio::Frame.control().write(1 << FRAME_MACHINE | 1 << MACHINE);
+        Pio::Frame.control().set_bits(1 << MACHINE);
     }
 
     /// Reads the probe. `levels`: those of the inputs, which are returned with that of the probe as far as it counts.

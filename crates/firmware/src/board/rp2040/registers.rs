@@ -3,7 +3,8 @@
 //!
 //! Invariant: a [`Register`] is made here alone, from the address of an aligned 32-bit register of this chip (RP2040
 //! data sheet, the tables of registers); it is read and written volatile, and no write to one of them can break the
-//! safety of memory: none of them is of the DMA.
+//! safety of memory. Those of the DMA, which writes to memory, belong to `sample_ring` alone, which makes it write to
+//! its own ring of atomic words and nowhere else.
 #![allow(unsafe_code)]
 
 use core::arch::global_asm;
@@ -163,6 +164,12 @@ pub(super) const fn pin_pad(pin: u8) -> Register {
     Register(chip::PADS + 4 + 4 * pin as usize)
 }
 
+/// Returns a register of a DMA channel (RP2040 data sheet, 2.5.7): for `sample_ring` alone, see the module's invariant.
+pub(super) const fn dma_channel(channel: usize, offset: usize) -> Register {
+    assert!(channel < 12 && offset < 0x40 && offset % 4 == 0);
+    Register(0x5000_0000 + 0x40 * channel + offset)
+}
+
 /// Returns a word of the USB controller's memory, which has no aliases.
 pub(super) const fn usb_memory(word: usize) -> Register {
     assert!(word < 1024);
@@ -277,6 +284,11 @@ impl Pio {
     pub(super) const fn instruction(self, at: usize) -> Register {
         assert!(at < 32);
         self.register(0x48 + 4 * at)
+    }
+
+    /// Address of the queue from a machine, for the DMA.
+    pub(super) const fn words_address(self, machine: usize) -> u32 {
+        self.words(machine).0 as u32
     }
 
     const fn machine(self, machine: usize, offset: usize) -> Register {

@@ -4,9 +4,10 @@
 //! pulse. The timing of steps changes only while every machine waits at the gate.
 
 use super::ports;
-use super::registers::Pio;
+use super::registers::{Pio, TIMER_NOW};
 use crate::diagnostics::DIAGNOSTICS;
 use retrace_firmware::AXES;
+use retrace_firmware::rp2040::period_clock::PeriodClock;
 use retrace_firmware::rp2040::pins::{FIRST_DIRECTION_PIN, FIRST_STEP_PIN, GATE_PIN};
 use retrace_firmware::rp2040::pio_programs::{
     FRAME, FRAME_TICKS, SET_HIGH_LOOPS_AT, SET_OUTPUT, STEPS, set_high_loops,
@@ -38,6 +39,7 @@ pub(super) struct StepGenerator {
     late: u32,
     /// Whether the last period began late.
     began_late: bool,
+    clock: PeriodClock,
 }
 
 impl StepGenerator {
@@ -55,6 +57,7 @@ impl StepGenerator {
             refused: 0,
             late: 0,
             began_late: false,
+            clock: PeriodClock::new(),
         };
         generator.set_ticks();
         for axis in 0..AXES {
@@ -83,6 +86,13 @@ impl StepGenerator {
     /// Returns the planned cycles of the period before the one that is being made, and whether that began later.
     pub(super) const fn last_period(&self) -> (u32, bool) {
         (self.ticks.period * self.ticks.divider, self.began_late)
+    }
+
+    /// Returns when the period has begun that is being made ([`PeriodClock::begun_us`]), and its length, in
+    /// microseconds.
+    pub(super) fn begun_us(&mut self) -> (u32, u32) {
+        let period_us = self.shape.period_us;
+        (self.clock.begun_us(TIMER_NOW.read(), period_us), period_us)
     }
 
     /// Whether the batch of the next control period can be put. Changes the timing of steps once all machines wait.
@@ -125,6 +135,7 @@ impl StepGenerator {
         self.running = true;
         // last: with it the period may begin
         Pio::Frame.queue(FRAME_MACHINE).write(self.ticks.period - FRAME_TICKS);
+        self.clock.put(TIMER_NOW.read(), self.began_late, self.shape.period_us);
         Pio::Frame.queue_faults().write(WAITED << FRAME_MACHINE);
         DIAGNOSTICS.publish(&self.counted, self.refused, self.late);
     }
