@@ -56,7 +56,7 @@ pub(super) fn run(root: &Path, part: &str) -> Verdict {
     let compilers = build::can_build(&Board::ALL);
     let qemu = build::can_build(&[Board::F405]).and_then(|()| emulator::can_emulate().map(|_| ()));
     let rp2040js = build::can_build(&[Board::Pico]).and_then(|()| pico_emulator::can_emulate(root).map(|_| ()));
-    let checks: [Check; 13] = [
+    let checks: [Check; 14] = [
         ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
         ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
         ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
