@@ -192,9 +192,34 @@ fn samples_that_are_not_there_are_an_error() {
     assert_eq!(faulty, [true, true, true, true, false, true]);
     let early = SampledPeriod { taken: 999, next_word: Some(124), ..of };
     assert!(SpindleDecoder::new(0).read(&early, |word| signals.word(word)).is_faulty);
+    let stopped = SampledPeriod { taken: 2_000, next_word: Some(126), ..of };
+    assert!(SpindleDecoder::new(0).read(&stopped, |word| signals.word(word)).is_faulty, "behind the period");
     // a word under way behind the end is not needed
     let later = SampledPeriod { taken: 1_010, next_word: Some(125), ..of };
     assert!(!SpindleDecoder::new(0).read(&later, |word| signals.word(word)).is_faulty);
+}
+
+#[test]
+fn the_last_word_of_a_period_is_waited_for() {
+    assert_eq!([1, 8, 9, 1000, u32::MAX, 0].map(SampledPeriod::written_once_taken), [10, 10, 18, 1002, 2, 2]);
+}
+
+/// An index between two counts is where the last one was counting to.
+#[test]
+fn an_index_beside_the_counts_has_the_direction_of_the_last_one() {
+    // A rises and falls again: a count up, and one down.
+    for (index_end, expected) in [(50, Some(1)), (100, Some(0)), (135, None)] {
+        let word = |word: u32| {
+            (0..8).fold(0, |bits, n| {
+                let sample = word * 8 + n;
+                let a = u32::from((16..64).contains(&sample));
+                bits | (a | u32::from((index_end - 10..index_end).contains(&sample)) << 2) << (4 * n)
+            })
+        };
+        let of = SampledPeriod { end: 130, taken: 138, next_word: Some(17), period_us: 1000 };
+        let reading = SpindleDecoder::new(0).read(&of, word);
+        assert_eq!((reading.is_faulty, reading.samples[0].counter, reading.index), (false, 0, expected));
+    }
 }
 
 #[test]
