@@ -78,7 +78,7 @@ impl BrokerToml {
         let submitters = self.submitters.into_iter().map(|(name, key)| (key, name)).collect();
         Ok(BrokerSettings {
             servers: self.servers,
-            seed: beside(self.seed),
+            seed: credential(&self.seed, credentials().as_deref()).unwrap_or_else(|| beside(self.seed)),
             ca: self.ca.map(beside),
             is_insecure: self.insecure,
             groups,
@@ -112,11 +112,29 @@ fn check_server(server: &str, is_insecure: bool) -> Result<(), (String, String)>
     }
 }
 
+/// Folder with the credentials that systemd gives to this service (`LoadCredential=`, systemd.exec(5)); `None` where it
+/// is not started so.
+fn credentials() -> Option<PathBuf> {
+    std::env::var_os("CREDENTIALS_DIRECTORY").map(PathBuf::from)
+}
+
+/// The credential of this name, if the service has it.
+fn credential(name: &Path, folder: Option<&Path>) -> Option<PathBuf> {
+    let path = folder.filter(|_| name.is_relative())?.join(name);
+    path.is_file().then_some(path)
+}
+
 /// Reads the seed of a key: the first line of the file that begins with `SU`.
 ///
 /// # Errors
 /// `E5036` where the file cannot be read, others can read it, or it has no seed of a user.
 pub(crate) fn read_seed(path: &Path) -> Result<nkeys::KeyPair, NumberedError> {
+    read_protected_seed(path, credentials().as_deref())
+}
+
+/// Reads a seed, as [`read_seed`]. Who can read a credential is up to systemd, which shows the access of the service
+/// as that of a group.
+fn read_protected_seed(path: &Path, credentials: Option<&Path>) -> Result<nkeys::KeyPair, NumberedError> {
     let unusable = |why: String| {
         let what = format!("{}: {why}", path.display());
         let remedy = "name the file with this computer's seed, which only its user can read; `retrace shop key --new \
@@ -128,7 +146,7 @@ pub(crate) fn read_seed(path: &Path) -> Result<nkeys::KeyPair, NumberedError> {
     {
         use std::os::unix::fs::PermissionsExt;
         let mode = std::fs::metadata(path).map_err(|error| unusable(error.to_string()))?.permissions().mode();
-        if mode & 0o077 != 0 {
+        if mode & 0o077 != 0 && !credentials.is_some_and(|folder| path.starts_with(folder)) {
             return Err(unusable(format!("its mode is {:o}, so that others can read it", mode & 0o777)));
         }
     }
@@ -219,6 +237,20 @@ mod tests {
             std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).expect("set");
         }
         assert_eq!(read_seed(&path).expect("a seed").public_key(), key.public_key());
+        // A credential of systemd is found by its name, and its group is that of the service.
+        assert_eq!(credential(Path::new("seed"), Some(folder.path())), Some(path.clone()));
+        assert_eq!(credential(&path, Some(folder.path())), None, "a whole path is that of a file");
+        assert_eq!(credential(Path::new("other"), Some(folder.path())), None);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o640)).expect("set");
+            assert_eq!(read_protected_seed(&path, None).expect_err("readable").number, "E5036");
+            let elsewhere = folder.path().join("other");
+            assert_eq!(read_protected_seed(&path, Some(&elsewhere)).expect_err("readable").number, "E5036");
+            let found = read_protected_seed(&path, Some(folder.path())).expect("a seed");
+            assert_eq!(found.public_key(), key.public_key());
+        }
         std::fs::write(&path, "nothing").expect("written");
         assert_eq!(read_seed(&path).expect_err("no seed").number, "E5036");
     }
