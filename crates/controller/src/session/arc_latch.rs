@@ -5,7 +5,7 @@
 use retrace_config::CutterRestart;
 use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::{Distance, Place};
-use retrace_link::{CardStatus, LayerMove, MotionCard, SheetSource};
+use retrace_link::{CardStatus, LayerMove, MotionCard, ProofInput, SheetSource};
 
 use super::Session;
 use super::cut_end::{CutEnd, UNNOTICED_RECORDS};
@@ -21,11 +21,21 @@ pub(super) struct Latch {
     pub(super) cut_end: CutEnd,
     /// Length in mm beyond the end of the cut that is left to be proven in.
     remaining_mm: f64,
-    /// Where the input became active, and the control periods since. An arc that goes out again before it is proven is
-    /// not noticed by the card.
-    struck: Option<(Place, u16)>,
-    /// Control periods after which the cutter is proven.
+    struck: Option<StruckArc>,
+    /// Control periods in a row after which the cutter is proven.
     proven_periods: u16,
+    /// Control periods without the input that are a flicker, and no loss.
+    lost_periods: u16,
+}
+
+/// An arc that was seen and is not proven yet. The card does not notice one that goes out again before it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct StruckArc {
+    /// Where the input became active first.
+    place: Place,
+    /// Control periods with the input active in a row, and without it since it was active.
+    active: u16,
+    inactive: u16,
 }
 
 /// Length in µm that counts as none, too: a contour ends with many short records, in which no arc is proven.
@@ -60,8 +70,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 Some(cut_end) => (cut_end, latch_mm),
                 None => (CutEnd { place, latest: place, channel, may_be_longer: false }, run_in_mm + latch_mm),
             };
-            let proven_periods = proof.settings(machine.period_us).proven_periods;
-            latch = Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
+            let ProofInput { proven_periods, lost_periods, .. } = proof.settings(machine.period_us);
+            let input = proof.input;
+            latch = Some(Latch { input, cut_end, remaining_mm, struck: None, proven_periods, lost_periods });
         }
         self.recovery.latch = latch.or(self.recovery.latch);
     }
@@ -83,16 +94,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         };
         if status.inputs >> (latch.input & 15) & 1 == 1 {
-            let (place, periods) = latch.struck.unwrap_or((status.place, 0));
-            latch.struck = Some((place, periods + 1));
-            if periods + 1 >= latch.proven_periods {
+            let place = latch.struck.map_or(status.place, |arc| arc.place);
+            let active = latch.struck.map_or(0, |arc| arc.active) + 1;
+            latch.struck = Some(StruckArc { place, active, inactive: 0 });
+            if active >= latch.proven_periods {
                 let end = latch.cut_end;
                 self.recovery.latch = None;
                 self.end_interruption(end, place);
             }
             return;
         }
-        latch.struck = None;
+        // A flicker is no loss, as in a cut that is proven.
+        let inactive = latch.struck.map_or(0, |arc| arc.inactive) + 1;
+        latch.struck = latch.struck.filter(|_| inactive < latch.lost_periods);
+        latch.struck = latch.struck.map(|arc| StruckArc { active: 0, inactive, ..arc });
         if latch.cut_end.latest.distance_to(status.place) <= Distance::ZERO {
             return;
         }
@@ -125,11 +140,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             && status.inputs >> (proof.input & 15) & 1 == 0
         {
             let cut_end = CutEnd { place: status.place, latest: status.place, channel, may_be_longer: false };
-            let proven_periods = proof.settings(self.recovery.machine().period_us).proven_periods;
-            let remaining_mm = cutter.restart.latch_mm;
+            let settings = proof.settings(self.recovery.machine().period_us);
+            let ProofInput { proven_periods, lost_periods, .. } = settings;
+            let (input, remaining_mm) = (proof.input, cutter.restart.latch_mm);
             self.set_cut_end(status.place, channel);
             self.recovery.latch =
-                Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
+                Some(Latch { input, cut_end, remaining_mm, struck: None, proven_periods, lost_periods });
         }
     }
 
