@@ -20,6 +20,12 @@ pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
     format!("{what} in line {line}; k {back}, FIRES and cuts on; c asks, and fires here")
 }
 
+/// What a cutter does whose start goes on to its end in a feed hold: one that waits for its sheet does not.
+pub(crate) fn start_in_hold(model: &ScreenModel) -> Option<String> {
+    let goes_on = |state: &CutterState| matches!(state, CutterState::Igniting | CutterState::Piercing);
+    start_text(model).filter(|_| model.cutter_states.values().any(|(state, _)| goes_on(state)))
+}
+
 /// What a cutter does that is being started.
 pub(crate) fn start_text(model: &ScreenModel) -> Option<String> {
     model.cutter_states.iter().find_map(|(&channel, &(state, _))| {

@@ -31,7 +31,8 @@ pub(crate) fn question(model: &ScreenModel, shape: FrameShape) -> Vec<String> {
         lines.push(format!("It lies within {place}."));
     }
     lines.push(
-        "First up to the safe height, where it is lower, then straight to the first corner, at the jog speed.".into(),
+        "First up to the safe height, if it is lower and one is set, then straight to a corner, at the jog speed."
+            .into(),
     );
     lines.push("y go round · Space stops it · any other key: cancel".into());
     lines

@@ -171,7 +171,7 @@ pub(crate) struct KeyState {
     last_rate: Option<(Mode, usize)>,
     last_turn: Option<(bool, u64, i32)>,
     /// When a key of a continuous jog was pressed last, ms.
-    jogged_at_ms: u64,
+    jogged_at_ms: Option<u64>,
     /// Override that was requested last, in per cent, and when: the model may not show it yet.
     overridden: Option<(f64, u64)>,
 }

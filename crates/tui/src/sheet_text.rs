@@ -10,7 +10,13 @@ use crate::placed_path::PlacedPath;
 /// Greatest deviation from the outline of the contours, mm.
 const OUTLINE_TOLERANCE_MM: f64 = 0.01;
 
-/// The same at the screen, with the key.
+/// The turn of the work coordinates, where they have one.
+pub(crate) fn turned(model: &ScreenModel) -> Option<String> {
+    let degrees = Some(model.work_rotation_deg).filter(|&degrees| degrees != 0.0)?;
+    Some(format!("The work coordinates are TURNED by {degrees:+.3}°, set before."))
+}
+
+/// The points at the screen, with the keys.
 pub(crate) fn with_keys(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [first] => {

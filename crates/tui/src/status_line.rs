@@ -6,7 +6,7 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
-use crate::cut_text::{confirmation_text, contours_text, interrupted_text, start_text};
+use crate::cut_text::{confirmation_text, contours_text, interrupted_text, start_in_hold, start_text};
 use crate::event_text::tool_change_text;
 use crate::geared_status;
 use crate::keys::KeyAction;
@@ -189,7 +189,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 }
             }
         }
-        HoldReason::Hold => match start_text(model) {
+        HoldReason::Hold => match start_in_hold(model) {
             // The start is one instruction, which ends before the hold puts the cutter out.
             Some(start) => {
                 let mut actions = vec![KeyAction::CutterOff];

@@ -118,9 +118,9 @@ fn credentials() -> Option<PathBuf> {
     std::env::var_os("CREDENTIALS_DIRECTORY").map(PathBuf::from)
 }
 
-/// The credential of this name, if the service has it.
+/// The credential of this name, if the service has it. A name with a path in it is that of a file.
 fn credential(name: &Path, folder: Option<&Path>) -> Option<PathBuf> {
-    let path = folder.filter(|_| name.is_relative())?.join(name);
+    let path = folder?.join(name.file_name().filter(|file| Path::new(file) == name)?);
     path.is_file().then_some(path)
 }
 
@@ -241,6 +241,8 @@ mod tests {
         assert_eq!(credential(Path::new("seed"), Some(folder.path())), Some(path.clone()));
         assert_eq!(credential(&path, Some(folder.path())), None, "a whole path is that of a file");
         assert_eq!(credential(Path::new("other"), Some(folder.path())), None);
+        let way_out = Path::new("..").join(folder.path().file_name().expect("a name")).join("seed");
+        assert_eq!(credential(&way_out, Some(folder.path())), None, "out of the folder");
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;

@@ -34,10 +34,15 @@ impl KeyState {
                 UiCommand::Job(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
             }
             Some(mm) => UiCommand::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
-            // A key that is held down repeats itself; pressed once more, it stops.
-            None if std::mem::replace(&mut self.jogged_at_ms, now_ms) + REPEATED_MS > now_ms => return None,
-            None if !model.at_rest => UiCommand::Job(OperatorCommand::Hold),
-            None => UiCommand::Task(ManualTask::JogOn { axis: letter, up }),
+            None => {
+                let before_ms = self.jogged_at_ms.replace(now_ms);
+                match before_ms {
+                    _ if !model.at_rest => UiCommand::Job(OperatorCommand::Hold),
+                    // A key that is held down repeats itself, and must not begin again what it has stopped.
+                    Some(before_ms) if now_ms.saturating_sub(before_ms) < REPEATED_MS => return None,
+                    _ => UiCommand::Task(ManualTask::JogOn { axis: letter, up }),
+                }
+            }
         })
     }
 }

@@ -3,7 +3,9 @@
 use retrace_controller::{ManualTask, OperatorCommand};
 
 use super::{ScreenFixture, text};
+use crate::key_state::OpenDialog;
 use crate::keys::Key;
+use crate::pending_question::PendingQuestion;
 use crate::{UiCommand, lock_model};
 
 #[test]
@@ -48,9 +50,14 @@ fn a_continuous_jog_is_stopped_by_a_second_press() {
         bench.wait(40);
         assert_eq!(bench.key(Key::Right), None);
     }
-    bench.wait(500);
-    lock_model(&bench.model).at_rest = false;
-    assert_eq!(bench.key(Key::Right), Some(UiCommand::Job(OperatorCommand::Hold)));
+    // In motion each press stops it, however fast they follow each other, and none begins it again.
+    for (waits_ms, key) in [(40, Key::Right), (40, Key::Left), (500, Key::Right)] {
+        bench.wait(waits_ms);
+        lock_model(&bench.model).at_rest = false;
+        assert_eq!(bench.key(key), Some(UiCommand::Job(OperatorCommand::Hold)), "{waits_ms}");
+    }
+    lock_model(&bench.model).at_rest = true;
+    assert_eq!(bench.key(Key::Right), None);
 }
 
 /// What two points on the edge of a sheet would set is lost by no key but those that say so.
@@ -77,6 +84,9 @@ fn a_turn_of_an_earlier_job_is_asked_about_before_the_start() {
     let shown = text(&bench.screen(80, 24));
     assert!(shown.contains("TURNED by +2.862°") && shown.contains("the same sheet?"), "{shown}");
     assert_eq!(bench.key(Key::Char('n')), None);
+    bench.key_state.open = OpenDialog::Prompt(PendingQuestion::StartContour(2), String::new(), None);
+    assert!(text(&bench.screen(80, 24)).contains("TURNED by +2.862°"), "wherever it begins");
+    bench.key(Key::Esc);
     let end_of_turn = UiCommand::Task(ManualTask::Mdi("G10 L2 P0 R0".into()));
     bench.keys("zstraight");
     assert_eq!(bench.key(Key::Enter), Some(end_of_turn));

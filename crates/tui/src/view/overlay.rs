@@ -189,9 +189,8 @@ fn prompt(
             ("open a program", "Program file, Tab completes its name:", "Enter OK · Esc cancel")
         }
         PendingQuestion::StartTurned => {
-            let turned = format!("The work coordinates are TURNED by {:+.3}°, set before.", model.work_rotation_deg);
             let lines = [
-                turned,
+                sheet_text::turned(model).unwrap_or_default(),
                 "Does the sheet still lie so? E sets its edge anew, z straight ends the turn.".into(),
                 "y START · any other key: cancel".into(),
             ];
@@ -200,8 +199,8 @@ fn prompt(
         }
         PendingQuestion::StartContour(number) => {
             let question = format!("The program begins at contour {number}: the cutter is lit there.");
-            let lines = [question, "y begin · any other key: cancel".into()];
-            draw_box(out, "begin there?", &lines, theme);
+            let lines = [Some(question), sheet_text::turned(model), Some("y begin · any other key: cancel".into())];
+            draw_box(out, "begin there?", &lines.into_iter().flatten().collect::<Vec<_>>(), theme);
             return;
         }
         PendingQuestion::Frame(shape) => {

@@ -7,6 +7,7 @@ use ratatui::buffer::Buffer;
 use super::overlay::draw_box;
 use super::{Theme, fold};
 use crate::model::ScreenModel;
+use crate::sheet_text;
 use crate::shop_job_page::{ShopJobColumns, ShopJobMark, ShopJobView, empty_lines, marked};
 use crate::shop_job_table::{ShopJobRow, ShopJobTable};
 
@@ -28,7 +29,9 @@ pub(super) fn draw(out: &mut Buffer, model: &ScreenModel, mark: &ShopJobMark, th
     match mark.view {
         ShopJobView::List => list(out, table, at, width, theme),
         ShopJobView::Details(back) => details(out, row, back, width, theme),
-        ShopJobView::Start(pieces) => question(out, table, (row, pieces), width.min(100), theme),
+        ShopJobView::Start(pieces) => {
+            question(out, table, (row, pieces), sheet_text::turned(model), width.min(100), theme)
+        }
     }
 }
 
@@ -80,7 +83,14 @@ fn details(out: &mut Buffer, row: &ShopJobRow, back: usize, width: usize, theme:
     draw_box(out, &format!("job {} · ↑↓ scroll · {start}any other key: back", row.program), &lines, theme);
 }
 
-fn question(out: &mut Buffer, table: &ShopJobTable, asked: (&ShopJobRow, u32), width: usize, theme: Theme) {
+fn question(
+    out: &mut Buffer,
+    table: &ShopJobTable,
+    asked: (&ShopJobRow, u32),
+    turned: Option<String>,
+    width: usize,
+    theme: Theme,
+) {
     let (row, pieces) = asked;
     let facts = row.start_facts(&table.machine_file);
     let mut lines: Vec<String> = facts.iter().flat_map(|(name, text)| named(name, text, width)).collect();
@@ -89,6 +99,7 @@ fn question(out: &mut Buffer, table: &ShopJobTable, asked: (&ShopJobRow, u32), w
     // The keys stay in view, however long the texts are.
     lines.truncate(usize::from(out.area.height).saturating_sub(7).max(1));
     lines.extend(series.into_iter().flatten());
+    lines.extend(turned);
     let start = match pieces {
         0 | 1 => "y START: the machine moves · any other key: cancel".to_owned(),
         _ => format!("y START {pieces} pieces, one after the other · any other key: cancel"),
