@@ -9,7 +9,7 @@ use retrace_tests::command::Bench;
 use retrace_tests::pause::pause;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
-use retrace_tests::served::{ServedCard, resume_to_end};
+use retrace_tests::served::{ServedCard, resume_to_end, waits_for_recovery};
 
 use crate::card::signal;
 use crate::height_control::{bench, is_cutting, x};
@@ -101,24 +101,27 @@ fn within_s(seconds: u32, is_so: impl Fn() -> bool) -> bool {
 fn a_computer_that_stands_still_moves_no_torch_over_a_kerf() {
     let bench = bench(HEIGHT, PROGRAM);
     let text = std::fs::read_to_string(bench.path("m.toml")).expect("a machine file");
-    bench.file("m.toml", format!("look_ahead_s = 1.5\n{text}"));
+    bench.file("m.toml", format!("look_ahead_s = 3\n{text}"));
     let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd").display().to_string());
     let card = ServedCard::with(&["--machine", &machine, "--source-faults", "warp=40", "--vcd", &vcd]);
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
     let mut host = bench.start(&run, Stdio::null(), "run.txt");
-    let has_begun = || {
-        let told = std::fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
-        told.lines().filter(|line| line.contains("\"switched\"") && line.contains("\"M3\"")).count() == 2
-    };
+    let told = || std::fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
+    let has_begun =
+        || told().lines().filter(|line| line.contains("\"switched\"") && line.contains("\"M3\"")).count() == 2;
     assert!(within_s(30, has_begun), "the second contour begins");
     // From about 15 mm before the kerf to 10 mm behind it.
     pause(Duration::from_millis(700));
     signal(&host, "STOP");
     pause(Duration::from_millis(500));
     signal(&host, "CONT");
-    let code = host.wait().expect("it ends").code();
-    let told = std::fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
-    assert_eq!(code, Some(0), "{told}");
+    // A computer that is busy besides may keep the host from running until the torch stands, and goes out.
+    let has_ended = || told().contains("\"event\":\"report\"") || waits_for_recovery(&told());
+    assert!(within_s(60, has_ended), "{}", told());
+    let _ = (host.kill(), host.wait());
+    if !told().contains("\"outcome\":\"completed\"") {
+        resume_to_end(&bench).unwrap_or_else(|why| panic!("{why}"));
+    }
     let _ = card.end();
     let trace = samples(&bench.path("pins.vcd"));
     assert_eq!(moves(&trace, [-1.4, 1.4]), 0);

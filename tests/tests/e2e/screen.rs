@@ -528,14 +528,14 @@ fn the_planned_path_moves_with_the_work_zero() {
 #[test]
 fn what_is_shown_is_that_of_the_block_under_the_tool() {
     let bench = Bench::new();
-    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nG1 F1800 X30\nG0 X100\nG1 F900 G55 X110\nG1 X120\nM2\n");
+    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nG1 F600 X30\nG0 X100\nG1 F900 G55 X110\nG1 X120\nM2\n");
     terminal.keys("c");
-    terminal.wait_for_text("of F1800");
+    terminal.wait_for_text("of F600");
     terminal.wait_until("a rapid move", |text| text.contains("mm/min rapid") && active(text) == 3);
     let ahead = terminal.wait_for_text("of F900");
     assert!(ahead.contains("G55"), "{ahead}");
     terminal.keys("r");
-    let behind = terminal.wait_until("the first feed", |text| text.contains("of F1800") && active(text) == 2);
+    let behind = terminal.wait_until("the first feed", |text| text.contains("of F600") && active(text) == 2);
     assert!(behind.contains("G54") && behind.contains("REVERSE"), "{behind}");
     terminal.keys("l");
     ends(&mut terminal, "completed", 0);
