@@ -5,8 +5,9 @@
 use std::io::ErrorKind::{Interrupted, WouldBlock};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc;
+use std::sync::{Arc, Mutex, PoisonError, Weak, mpsc};
 use std::time::{Duration, Instant};
 
 use retrace_task_support::tools;
@@ -36,6 +37,8 @@ const ARGUMENTS: &[&str] = &[
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+    // No process for a page that may never be opened.
+    "--disable-features=SpareRendererForSitePerProcess",
     "--metrics-recording-only",
     "--mute-audio",
     "--hide-scrollbars",
@@ -43,6 +46,7 @@ const ARGUMENTS: &[&str] = &[
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",
+    "--disable-gpu-rasterization",
     "--disable-dev-shm-usage",
     "--force-color-profile=srgb",
     "--font-render-hinting=none",
@@ -56,24 +60,68 @@ const ARGUMENTS: &[&str] = &[
     "about:blank",
 ];
 
-/// A browser that runs. It is ended when dropped.
+/// A browser with connections of a test's own. The tests of a process share one while any of them uses it: to start one
+/// takes more time of the processor than most tests.
 #[derive(Debug)]
 pub struct Browser {
-    process: BrowserProcess,
-    host: String,
+    running: Arc<RunningBrowser>,
     socket: DebuggingSocket,
+}
+
+/// A browser that listens.
+#[derive(Debug)]
+struct RunningBrowser {
+    process: Mutex<BrowserProcess>,
+    host: String,
+    path: String,
     /// Its profile, which is removed behind it.
     _profile: TempDir,
 }
 
+/// The browser that is shared.
+static SHARED: Mutex<Weak<RunningBrowser>> = Mutex::new(Weak::new());
+
 impl Browser {
-    /// Starts a browser with a profile of its own. `None` where there is none on this machine.
+    /// Connects to the browser, which is started if there is none yet. `None` where there is none on this machine.
     ///
     /// # Panics
     /// Where it does not start.
     #[must_use]
     pub fn start() -> Option<Self> {
         let program = tools::browser()?;
+        let running = {
+            let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+            let running = shared.upgrade().unwrap_or_else(|| Arc::new(RunningBrowser::start(&program)));
+            *shared = Arc::downgrade(&running);
+            running
+        };
+        let socket = DebuggingSocket::connect(&running.host, &running.path);
+        Some(Self { running, socket })
+    }
+
+    /// Opens an empty page with cookies and storage of its own, as in another browser. It is closed at the end of the
+    /// test at the latest.
+    ///
+    /// # Panics
+    /// Where the browser does not answer.
+    #[must_use]
+    pub fn new_page(&mut self) -> DebuggingSocket {
+        let context = self.socket.call("Target.createBrowserContext", json!({"disposeOnDetach": true}));
+        let target = json!({"url": "about:blank", "browserContextId": context["browserContextId"]});
+        let target = self.socket.call("Target.createTarget", target);
+        let number = target["targetId"].as_str().expect("a page").to_owned();
+        DebuggingSocket::connect(&self.running.host, &format!("devtools/page/{number}"))
+    }
+
+    /// Number of its process.
+    #[must_use]
+    pub fn process(&self) -> u32 {
+        self.running.process.lock().unwrap_or_else(PoisonError::into_inner).0.id()
+    }
+}
+
+impl RunningBrowser {
+    fn start(program: &Path) -> Self {
         let profile = TempDir::new().expect("a temporary folder");
         let mut command = Command::new(program);
         command.arg(format!("--user-data-dir={}", profile.path().display())).args(ARGUMENTS);
@@ -91,36 +139,20 @@ impl Browser {
         });
         let address = address_rx.recv_timeout(START_TIMEOUT).expect("the browser listens");
         let (host, path) = address.split_once('/').expect("an address with a path");
-        let socket = DebuggingSocket::connect(host, path);
-        Some(Self { process, host: host.to_owned(), socket, _profile: profile })
-    }
-
-    /// Opens an empty page with cookies and storage of its own, as in another browser.
-    ///
-    /// # Panics
-    /// Where the browser does not answer.
-    #[must_use]
-    pub fn new_page(&mut self) -> DebuggingSocket {
-        let context = self.socket.call("Target.createBrowserContext", json!({}));
-        let target = json!({"url": "about:blank", "browserContextId": context["browserContextId"]});
-        let target = self.socket.call("Target.createTarget", target);
-        let number = target["targetId"].as_str().expect("a page").to_owned();
-        DebuggingSocket::connect(&self.host, &format!("devtools/page/{number}"))
-    }
-
-    /// Number of its process.
-    #[must_use]
-    pub fn process(&self) -> u32 {
-        self.process.0.id()
+        Self { process: Mutex::new(process), host: host.to_owned(), path: path.to_owned(), _profile: profile }
     }
 }
 
-impl Drop for Browser {
+impl Drop for RunningBrowser {
     fn drop(&mut self) {
         // It ends its own processes, and is killed where it does not.
-        self.socket.post("Browser.close", json!({}));
+        if std::thread::panicking() {
+            return;
+        }
+        DebuggingSocket::connect(&self.host, &self.path).post("Browser.close", json!({}));
+        let process = self.process.get_mut().unwrap_or_else(PoisonError::into_inner);
         let begun = Instant::now();
-        while begun.elapsed() < END_TIMEOUT && matches!(self.process.0.try_wait(), Ok(None)) {
+        while begun.elapsed() < END_TIMEOUT && matches!(process.0.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -179,6 +211,20 @@ impl DebuggingSocket {
     /// What the browser says, or that it does not answer.
     pub fn try_call(&mut self, method: &str, parameters: Value) -> Result<Value, String> {
         let number = self.post(method, parameters);
+        self.answer(number).map_err(|error| format!("{method}: {error}"))
+    }
+
+    /// Sends calls in a row, and waits for their answers only then.
+    ///
+    /// # Panics
+    /// Where the browser refuses one or does not answer.
+    pub fn call_in_a_row(&mut self, calls: impl IntoIterator<Item = (&'static str, Value)>) {
+        let numbers: Vec<u64> = calls.into_iter().map(|(method, parameters)| self.post(method, parameters)).collect();
+        numbers.into_iter().for_each(|number| drop(self.answer(number).unwrap_or_else(|error| panic!("{error}"))));
+    }
+
+    /// Answer to the call of this number.
+    fn answer(&mut self, number: u64) -> Result<Value, String> {
         let begun = Instant::now();
         while begun.elapsed() < CALL_TIMEOUT {
             let Some(mut message) = self.receive()? else { continue };
@@ -186,9 +232,9 @@ impl DebuggingSocket {
                 continue;
             }
             let error = &message["error"];
-            return if error.is_null() { Ok(message["result"].take()) } else { Err(format!("{method}: {error}")) };
+            return if error.is_null() { Ok(message["result"].take()) } else { Err(error.to_string()) };
         }
-        Err(format!("{method}: no answer in {CALL_TIMEOUT:?}"))
+        Err(format!("no answer in {CALL_TIMEOUT:?}"))
     }
 
     /// Result of a call.

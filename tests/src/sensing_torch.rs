@@ -9,6 +9,13 @@ pub const SHEET: i64 = -70 * 400;
 /// How the sheet is sensed, unless a test states it otherwise.
 pub const SENSE: &str = "contacts = [7], sheet_mm = -70, float_travel_mm = 1.2";
 
+/// A material whose heights are controlled, with a kerf that is known.
+pub const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
+    pierce_height_mm = 3.8\npierce_delay_s = 0.2\ncut_height_mm = 1.5\nfeed_mm_per_min = 3000\nvolts = 115\n";
+/// The analog input that reads the arc voltage.
+pub const ARC_VOLTAGE: &str =
+    "[[card.analog_input]]\nnumber = 1\nname = \"arc voltage\"\nunit = \"V\"\nat_full = 256\n";
+
 /// The watchdog of the machine file: it tolerates a computer under load, on a card that is faster than a clock, too.
 pub const PATIENT: &str = "watchdog_ms = 2000";
 

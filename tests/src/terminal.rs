@@ -144,6 +144,16 @@ impl Terminal {
         self.wait_until(words, |text| text.contains(words))
     }
 
+    /// Waits until the line of state begins with this word and these words are on it. A position is shown a moment
+    /// before its order is done, and the next order is refused until then (E2421).
+    ///
+    /// # Panics
+    /// Where that does not come.
+    pub fn wait_for_state(&self, state: &str, words: &str) -> String {
+        let state = format!(" {state} ");
+        self.wait_until(&format!("{state}· {words}"), |text| text.starts_with(&state) && text.contains(words))
+    }
+
     /// Waits until the text on it satisfies `is_so`.
     ///
     /// # Panics

@@ -46,6 +46,18 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 24,
     },
     Campaign {
+        name: "operator-threads",
+        purpose: "the same in a program of threads, which are passed backward and cut again",
+        test: [
+            "retrace-tests",
+            "campaigns",
+            "operator_threads::whatever_the_operator_does_in_threads_the_job_ends_exactly",
+        ],
+        asked: END_TO_END,
+        full: 1000,
+        slice: 8,
+    },
+    Campaign {
         name: "program",
         purpose: "any program ends exactly and within the limits",
         test: ["retrace-tests", "campaigns", "any_program::any_program_ends_exactly_and_within_the_limits"],
@@ -192,10 +204,19 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "kill-probing",
         purpose: "a host killed at any moments of a job that probes: resumed, it ends exactly, with the same points, \
             and no answer in its journal twice",
-        test: ["retrace-tests", "campaigns", "kill_probing::"],
+        test: ["retrace-tests", "campaigns", "kill_probing::a_host_that_is_killed_while_it_probes"],
         asked: BY_SEED,
         full: 200,
         slice: 10,
+    },
+    Campaign {
+        name: "kill-threads",
+        purpose: "a host killed at any moments of a job that cuts threads: resumed, it goes on in the groove and ends \
+            exactly",
+        test: ["retrace-tests", "campaigns", "kill_probing::a_host_that_is_killed_in_a_thread"],
+        asked: BY_SEED,
+        full: 200,
+        slice: 6,
     },
     Campaign {
         name: "off",
@@ -223,6 +244,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         asked: BY_SEED,
         full: 20_000,
         slice: 150,
+    },
+    Campaign {
+        name: "cut-heights",
+        purpose: "random contours with height control over a warped sheet, with failed starts, losses, chatter, \
+            corners and known kerfs: a separate judge finds every height, every pulse and the layer right",
+        test: ["retrace-tests", "campaigns", "cut_heights::"],
+        asked: BY_SEED,
+        full: 10_000,
+        slice: 24,
     },
     Campaign {
         name: "power-cuts",

@@ -10,6 +10,7 @@ mod fuzz;
 mod mutants;
 mod release;
 mod suite;
+mod test_output;
 mod tidy;
 
 use retrace_bench as bench;

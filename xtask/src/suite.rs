@@ -3,6 +3,7 @@
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
 use crate::campaign::SPARKPLUG_HOST;
+use crate::test_output::TestOutput;
 use crate::{firmware, tidy};
 use retrace_task_support::{process, tools};
 use retrace_verify as verify;
@@ -28,9 +29,18 @@ pub(crate) struct Settings {
 }
 
 /// Result of a step.
+#[derive(Default)]
 struct Outcome {
     passed: bool,
     remark: String,
+    /// What each failed test has said, its name first.
+    failed_tests: Vec<Vec<String>>,
+}
+
+impl Outcome {
+    fn failed(remark: String) -> Self {
+        Self { remark, ..Self::default() }
+    }
 }
 
 /// Every step, in the order in which it is run: the quick ones first.
@@ -70,6 +80,9 @@ pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
         let outcome = (step.run)(root, settings);
         rows.push((step.name, outcome, started.elapsed(), processor_time().saturating_sub(used)));
     }
+    let failed =
+        || rows.iter().flat_map(|(name, outcome, ..)| outcome.failed_tests.iter().map(move |test| (name, test)));
+    failed().for_each(|(step, said)| println!("\nFAILED  {step}: {}", said.join("\n        ")));
     println!("\n{:<8} {:<7} {:>8} {:>10}", "step", "result", "seconds", "processor");
     for (name, outcome, took, used) in &rows {
         let result = match outcome.passed {
@@ -95,7 +108,7 @@ fn processor_time() -> Duration {
 }
 
 fn tidy_step(root: &Path, _: &Settings) -> Outcome {
-    Outcome { passed: tidy::run(root), remark: format!("{} checks", tidy::CHECKS.len()) }
+    Outcome { passed: tidy::run(root), remark: format!("{} checks", tidy::CHECKS.len()), ..Outcome::default() }
 }
 
 fn clippy(root: &Path, _: &Settings) -> Outcome {
@@ -109,7 +122,7 @@ const TESTED: [&str; 5] = ["--workspace", "--exclude", "retrace-loom", "--exclud
 fn tests(root: &Path, settings: &Settings) -> Outcome {
     let binary = match build_with_tests(root) {
         Ok(binary) => binary,
-        Err(remark) => return Outcome { passed: false, remark },
+        Err(remark) => return Outcome::failed(remark),
     };
     let mut command = at_lower_priority(&process::cargo(root, &["test"]));
     command.args(TESTED).args(["--tests", "--no-fail-fast"]);
@@ -143,17 +156,21 @@ fn at_lower_priority(command: &Command) -> Command {
 /// Why the step `browser` does not run.
 const NO_BROWSER: &str = "no browser: neither RETRACE_BROWSER nor chromium on PATH";
 
-/// At most so many browsers at a time: each has some processes, and the page draws in software.
-const BROWSERS: usize = 5;
+/// At most so many pages at a time: they draw in software.
+const BROWSERS: usize = 4;
 
 /// The tests of the page in a browser.
 fn browser_step(root: &Path, settings: &Settings) -> Outcome {
     if tools::browser().is_none() {
-        return Outcome { passed: !settings.require_peers, remark: format!("NOT RUN: {NO_BROWSER}") };
+        return Outcome {
+            passed: !settings.require_peers,
+            remark: format!("NOT RUN: {NO_BROWSER}"),
+            ..Outcome::default()
+        };
     }
     let binary = match build_command(root) {
         Ok(binary) => binary,
-        Err(remark) => return Outcome { passed: false, remark },
+        Err(remark) => return Outcome::failed(remark),
     };
     let list = root.join("target/browser-not-run.txt");
     // a list of the run before would be counted again
@@ -198,14 +215,14 @@ fn without_those_not_run(mut outcome: Outcome, list: &str) -> Outcome {
 
 fn verify_step(root: &Path, _: &Settings) -> Outcome {
     match verify::run(root, &verify::Options::quick()) {
-        Ok(verify::Summary { passed, remark }) => Outcome { passed, remark },
-        Err(remark) => Outcome { passed: false, remark },
+        Ok(verify::Summary { passed, remark }) => Outcome { passed, remark, ..Outcome::default() },
+        Err(remark) => Outcome::failed(remark),
     }
 }
 
 fn firmware_step(root: &Path, _: &Settings) -> Outcome {
     let verdict = firmware::test(root);
-    Outcome { passed: verdict.passed, remark: verdict.remark }
+    Outcome { passed: verdict.passed, remark: verdict.remark, ..Outcome::default() }
 }
 
 fn doc_tests(root: &Path, _: &Settings) -> Outcome {
@@ -243,9 +260,9 @@ fn cargo(root: &Path, arguments: &[&str]) -> Outcome {
 
 fn ended(command: &mut Command) -> Outcome {
     match command.status() {
-        Ok(status) if status.success() => Outcome { passed: true, remark: String::new() },
-        Ok(status) => Outcome { passed: false, remark: status.to_string() },
-        Err(error) => Outcome { passed: false, remark: format!("cannot be run: {error}") },
+        Ok(status) if status.success() => Outcome { passed: true, ..Outcome::default() },
+        Ok(status) => Outcome::failed(status.to_string()),
+        Err(error) => Outcome::failed(format!("cannot be run: {error}")),
     }
 }
 
@@ -253,9 +270,9 @@ fn ended(command: &mut Command) -> Outcome {
 fn count_tests(command: &mut Command) -> Outcome {
     let mut child = match command.stdout(Stdio::piped()).spawn() {
         Ok(child) => child,
-        Err(error) => return Outcome { passed: false, remark: format!("cannot be run: {error}") },
+        Err(error) => return Outcome::failed(format!("cannot be run: {error}")),
     };
-    let mut total = Count::default();
+    let mut total = TestOutput::default();
     if let Some(output) = child.stdout.take() {
         for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
             let line = String::from_utf8_lossy(&line);
@@ -266,34 +283,11 @@ fn count_tests(command: &mut Command) -> Outcome {
         let _ = std::io::stdout().flush();
     }
     let passed = child.wait().is_ok_and(|status| status.success());
-    let Count { passes, failures, ignored } = total;
+    let TestOutput { passes, failures, ignored, said, .. } = total;
     Outcome {
         passed: passed && failures == 0,
         remark: format!("{passes} passed, {failures} failed, {ignored} ignored"),
-    }
-}
-
-/// Sum of the closing lines of test runners.
-#[derive(Default, Debug, PartialEq, Eq)]
-struct Count {
-    passes: u64,
-    failures: u64,
-    ignored: u64,
-}
-
-impl Count {
-    fn add(&mut self, line: &str) {
-        let Some(closing) = line.strip_prefix("test result: ") else { return };
-        for part in closing.split([';', '.']) {
-            let mut words = part.split_whitespace();
-            let Some(number) = words.next().and_then(|word| word.parse::<u64>().ok()) else { continue };
-            match words.next() {
-                Some("passed") => self.passes += number,
-                Some("failed") => self.failures += number,
-                Some("ignored") => self.ignored += number,
-                _ => {}
-            }
-        }
+        failed_tests: said,
     }
 }
 
@@ -302,17 +296,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn closing_lines_add_up() {
-        let mut count = Count::default();
-        count.add("test result: ok. 12 passed; 0 failed; 1 ignored; 0 measured; 3 filtered out; finished in 0.52s");
-        count.add("test tests::x ... ok");
-        count.add("test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s");
-        assert_eq!(count, Count { passes: 13, failures: 2, ignored: 1 });
-    }
-
-    #[test]
     fn a_test_without_its_peer_is_not_counted_as_passed() {
-        let outcome = || Outcome { passed: true, remark: "12 passed, 0 failed, 1 ignored".into() };
+        let outcome =
+            || Outcome { passed: true, remark: "12 passed, 0 failed, 1 ignored".into(), ..Outcome::default() };
         assert_eq!(without_those_not_run(outcome(), "").remark, "12 passed, 0 failed, 1 ignored");
         let two = without_those_not_run(outcome(), "a: no rs274\nb: no rs274\n");
         assert_eq!(two.remark, "10 passed, 0 failed, 1 ignored, 2 NOT RUN");

@@ -336,7 +336,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
         self.inputs.configure(&settings.inputs, self.identity.inputs, settings.period_us);
         self.safety.start_watchdog(settings.watchdog_periods);
         if self.safety.alarm().is_some() {
-            self.player.halt(settings.safe());
+            self.player.lock_outputs(settings.safe());
         }
         self.settings = Some(checked);
         self.epoch_required = false;
@@ -377,6 +377,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
             | HostCommand::Repeat(_)
             | HostCommand::ArmProbe(_)
             | HostCommand::FollowSpindle { on: true }
+            | HostCommand::FreeTool
+            | HostCommand::ArmStretch(_)
                 if latched =>
             {
                 Err(CommandRefusal::Alarm)

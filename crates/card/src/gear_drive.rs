@@ -10,6 +10,8 @@ use retrace_link::{Alarm, CommandRefusal, GearStart, GearState, SpindleControl};
 
 use crate::spindle_monitor::SpindleMonitor;
 
+mod retraced_stretch;
+
 /// A geared stretch.
 #[derive(Clone, Copy, Debug)]
 struct GearedStretch {
@@ -20,6 +22,8 @@ struct GearedStretch {
     direction: i64,
     /// Speed of the spindle in thousandths of a revolution per minute, as commanded where the stretch begins.
     speed: i32,
+    /// End of the stretch that was passed before, which is not passed backward.
+    before: Option<RecordIndex>,
 }
 
 /// What the spindle does in a stretch in which a rate acts on it.
@@ -77,6 +81,14 @@ pub struct GearDrive {
     /// Whether a tap has turned.
     has_turned: bool,
     behind: BehindStretch,
+    /// Whether the spindle turned where it was switched off to pass the stretch backward from its end.
+    turned_at_end: bool,
+    /// Where the stretch is passed by rate, since its tool is free: the place that is not passed forward, if any.
+    freed: Option<Option<RecordIndex>>,
+    /// Whether the spindle is to be switched on where the stretch is awaited again.
+    starts_spindle: bool,
+    /// Stretches that were armed again in this epoch, modulo 256.
+    armed_again: u8,
     /// Distance moved in the last period.
     moved: Distance,
     largest_lag: Distance,
@@ -112,6 +124,15 @@ impl GearedStretch {
             SpindleControl::None | SpindleControl::Held => None,
         }
     }
+
+    /// Whether it is passed backward from its end, with the spindle turning the other way.
+    fn is_reversible(&self) -> bool {
+        self.start.control == SpindleControl::Held && self.start.reverse_share > 0
+    }
+
+    fn end(&self) -> RecordIndex {
+        self.first + self.start.length
+    }
 }
 
 impl GearDrive {
@@ -132,6 +153,10 @@ impl GearDrive {
             course: SpindleCourse::Forward,
             has_turned: false,
             behind: BehindStretch::Free,
+            turned_at_end: false,
+            freed: None,
+            starts_spindle: false,
+            armed_again: 0,
             moved: Distance::ZERO,
             largest_lag: Distance::ZERO,
         }
@@ -142,7 +167,8 @@ impl GearDrive {
         let Some(ratio) = spindle.settings().and_then(|settings| start.ratio(settings)) else { return false };
         let (direction, speed) = (spindle.direction(), spindle.commanded().saturating_abs());
         let passed = self.passed;
-        *self = Self { stretch: Some(GearedStretch { first, start, ratio, direction, speed }), passed, ..Self::new() };
+        let stretch = GearedStretch { first, start, ratio, direction, speed, before: passed };
+        *self = Self { stretch: Some(stretch), passed, armed_again: self.armed_again, ..Self::new() };
         direction != 0
     }
 
@@ -151,6 +177,7 @@ impl GearDrive {
     pub fn state(&self) -> GearState {
         match (&self.stretch, &self.engaged) {
             (_, Some(_)) => GearState::Engaged,
+            _ if self.freed.is_some() => GearState::Freed,
             (Some(of), None) if !self.is_complete && !self.is_passed(of) => GearState::Waiting,
             (_, None) => GearState::Off,
         }
@@ -162,11 +189,17 @@ impl GearDrive {
         u32::try_from(self.largest_lag.units() >> 16).unwrap_or(u32::MAX)
     }
 
+    /// Stretches that were armed again in this epoch, modulo 256.
+    #[must_use]
+    pub const fn armed_again(&self) -> u8 {
+        self.armed_again
+    }
+
     /// The end of the stretch while it is engaged and passed forward: the cursor may pass all of its records.
     #[must_use]
     pub fn reach(&self) -> Option<RecordIndex> {
         self.engaged.as_ref().filter(|_| !self.goes_back())?;
-        self.stretch.map(|of| of.first + of.start.length)
+        self.stretch.map(|of| of.end())
     }
 
     /// The beginning of the stretch while it is engaged and passed backward.
@@ -216,6 +249,9 @@ impl GearDrive {
     /// one that is awaited, or of the tap that is complete.
     #[must_use]
     pub fn barriers(&self) -> [Option<RecordIndex>; 2] {
+        if let Some(until) = self.freed {
+            return [self.passed, until];
+        }
         let ahead = self.stretch.filter(|of| self.engaged.is_none() && !self.is_passed(of));
         [self.passed, ahead.map(|of| of.first)]
     }
@@ -223,7 +259,7 @@ impl GearDrive {
     /// Whether the record is one of the stretch.
     #[must_use]
     pub fn has_record(&self, place: RecordIndex) -> bool {
-        self.stretch.is_some_and(|of| !place.is_before(of.first) && place.is_before(of.first + of.start.length))
+        self.stretch.is_some_and(|of| !place.is_before(of.first) && place.is_before(of.end()))
     }
 
     /// Whether a stretch is engaged.
@@ -237,10 +273,30 @@ impl GearDrive {
         self.brakes = true;
     }
 
-    /// Ends the stretch by an alarm: the cursor follows the spindle until both rest, and moves no more.
-    pub fn halt(&mut self) {
+    /// Begins an epoch at rest. A stretch that is engaged, or awaited, is kept if `keeps`, as long as its angle can be
+    /// trusted: the spindle is off, and turns again once motion is requested and the records are held.
+    pub fn open(&mut self, keeps: bool) {
+        if !keeps || self.brakes || !matches!(self.state(), GearState::Engaged | GearState::Waiting) {
+            *self = Self::new();
+            return;
+        }
+        self.armed_again = 0;
+        (self.is_halted, self.follows_by_hand, self.waited) = (false, false, 0);
+        if self.engaged.is_some() {
+            (self.course, self.is_suspended) = (SpindleCourse::Stopped, true);
+        }
+    }
+
+    /// Ends the stretch by an alarm: the cursor follows the spindle until both rest, and moves no more. Returns whether
+    /// the spindle is to be switched off.
+    pub fn halt(&mut self) -> bool {
+        let has_spindle = self.is_engaged() || self.course != SpindleCourse::Forward;
         (self.is_halted, self.follows_by_hand, self.behind) = (true, false, BehindStretch::Free);
-        self.forget_passed();
+        if self.engaged.is_none() {
+            self.course = SpindleCourse::Forward;
+        }
+        self.stretch = self.stretch.filter(|of| !self.is_passed(of));
+        has_spindle
     }
 
     /// Runs one control period with the cursor at `from`. `request`: sign of the requested rate; 1 only where nothing
@@ -259,30 +315,44 @@ impl GearDrive {
             return Some(period);
         }
         let stretch = self.stretch.filter(|_| !self.is_complete)?;
-        if self.engaged.is_none() && (from != Place::start_of(stretch.first) || request <= 0) {
-            (self.foreseen, self.waited) = (None, 0);
+        if self.is_passed_by_rate(from, request) {
             return None;
+        }
+        let is_entered_at_end = self.is_passed(&stretch);
+        if self.engaged.is_none() && !self.is_at_entry(&stretch, from, request, low) {
+            (self.foreseen, self.waited) = (None, 0);
+            return self.give_spindle_back(&stretch);
         }
         let angle = spindle.angle_ahead().unwrap_or(0) * stretch.direction;
         let before = self.foreseen.replace(angle).unwrap_or(angle);
         let held = [low, high].map(|place| stretch.first.records_to(place).max(0) as u32);
         if self.engaged.is_none() {
-            let alarm = self.wait(&stretch, held[1], [before, angle], spindle);
+            let (alarm, spindle) = if is_entered_at_end {
+                self.wait_at_end(&stretch, [before, angle], spindle)
+            } else {
+                let starts = self.start_freed_spindle(&stretch, spindle);
+                (self.wait(&stretch, held[1], [before, angle], spindle), starts)
+            };
             if self.engaged.is_none() {
                 self.moved = Distance::ZERO;
-                return Some(GearedPeriod { moved: Distance::ZERO, alarm, spindle: None });
+                return Some(GearedPeriod { moved: Distance::ZERO, alarm, spindle });
             }
         }
+        // A spindle that was turned by hand does not take the cursor along when it is switched on again.
+        let lag = self.engaged.as_ref().map_or(Distance::ZERO, |gear| gear.lag_at(angle));
+        let is_away = lag.abs() > stretch.start.limits.tolerance;
         let before = self.course;
-        self.course = self.next_course(&stretch, request, spindle);
+        self.course = self.next_course(&stretch, request, held, spindle);
+        if is_away && self.is_suspended && before == SpindleCourse::Stopped && self.course != before {
+            (self.course, self.moved) = (before, Distance::ZERO);
+            return Some(GearedPeriod { moved: Distance::ZERO, alarm: Some(Alarm::ThreadLost), spindle: None });
+        }
         let changed = (self.course != before).then(|| stretch.spindle_values(self.course));
         let is_on = spindle.direction() != 0;
         self.follows_by_hand &= !is_on;
         let timeout = spindle.settings().map_or(0, |of| of.timeout_periods);
         let reversal = spindle.reversal_periods();
         let gear = self.engaged.as_mut()?;
-        // A spindle that was turned by hand does not take the cursor along when it is switched on again.
-        let is_away = gear.lag_at(angle).abs() > stretch.start.limits.tolerance;
         let rests = self.moved == Distance::ZERO && spindle.is_at_rest();
         let stays = self.is_suspended && (!is_on || is_away || self.is_halted);
         self.is_suspended = !self.follows_by_hand && (rests && !is_on || stays);
@@ -311,7 +381,8 @@ impl GearDrive {
         };
         self.brakes |= alarm == Some(Alarm::EncoderFailed);
         self.has_turned |= stretch.turn().is_some_and(|turn| gear.at() >= Distance::records(i64::from(turn)));
-        let has_passed = (gear.has_passed_beginning(), gear.has_passed_end() && stretch.turn().is_none());
+        let leaves_end = gear.has_passed_end() && stretch.turn().is_none() && self.course != SpindleCourse::Backward;
+        let has_passed = (gear.has_passed_beginning(), leaves_end);
         let spindle = self.leave(&stretch, has_passed).or(changed);
         Some(GearedPeriod { moved: step.moved, alarm, spindle })
     }
@@ -323,12 +394,13 @@ impl GearDrive {
             (false, false) => return None,
             (_, true) => {
                 self.engaged = None;
-                self.passed = Some(stretch.first + stretch.start.length);
+                self.passed = Some(stretch.end());
             }
             // It can be passed again, unless it is a tap that is complete.
             (true, false) => {
                 self.engaged = None;
                 self.is_complete = self.has_turned;
+                self.passed = stretch.before;
             }
         }
         // Whatever the spindle turns until the stretch is awaited again is none of it.
@@ -369,25 +441,52 @@ impl GearDrive {
 
     /// Whether the stretch was passed to its end.
     fn is_passed(&self, stretch: &GearedStretch) -> bool {
-        self.passed == Some(stretch.first + stretch.start.length)
+        self.passed == Some(stretch.end())
     }
 
-    /// Forgets a stretch that was passed to its end, unless its spindle is to turn again.
+    /// Forgets a stretch that was passed to its end, unless its spindle is to turn again, or it is passed backward.
     fn forget_passed(&mut self) {
         if self.behind == BehindStretch::Free {
-            self.stretch = self.stretch.filter(|of| !self.is_passed(of));
+            self.stretch = self.stretch.filter(|of| !self.is_passed(of) || of.is_reversible());
         }
     }
 
-    /// What the spindle is to do now: it comes to rest between two directions, but for the turn of a tap.
-    fn next_course(&self, stretch: &GearedStretch, request: i64, spindle: &SpindleMonitor) -> SpindleCourse {
+    /// Whether the cursor is where the stretch is entered, motion into it is requested, and the records are held: at
+    /// its beginning, or backward at its end once it was passed.
+    fn is_at_entry(&self, stretch: &GearedStretch, from: Place, request: i64, low: RecordIndex) -> bool {
+        if !self.is_passed(stretch) {
+            return from == Place::start_of(stretch.first) && request > 0;
+        }
+        let GearStart { length, ahead, .. } = stretch.start;
+        let wanted = stretch.end() - u32::from(ahead).min(length);
+        from == Place::start_of(stretch.end())
+            && request < 0
+            && stretch.is_reversible()
+            && !(self.is_halted || self.brakes || wanted.is_before(low))
+    }
+
+    /// Angle at which the stretch begins; `None` before the index was seen.
+    fn start_angle(&self, stretch: &GearedStretch, spindle: &SpindleMonitor) -> Option<i64> {
+        let share = (i64::from(stretch.start.start_angle) * stretch.ratio.turn()) >> 32;
+        spindle.zero_angle().map(|zero| zero * stretch.direction + share)
+    }
+
+    /// What the spindle is to do now: it comes to rest between two directions, but for the turn of a tap, and turns
+    /// again only where the records are held that follow.
+    fn next_course(
+        &self,
+        stretch: &GearedStretch,
+        request: i64,
+        held: [u32; 2],
+        spindle: &SpindleMonitor,
+    ) -> SpindleCourse {
         if self.is_halted {
             return SpindleCourse::Stopped;
         }
-        if stretch.start.control == SpindleControl::None {
-            return SpindleCourse::Forward;
-        }
         let wanted = match (request, self.has_turned) {
+            // finished whatever is requested, but begun again only by a request
+            _ if stretch.start.control == SpindleControl::None && self.course == SpindleCourse::Forward => self.course,
+            (-1, _) if stretch.start.control == SpindleControl::None => SpindleCourse::Stopped,
             (1, false) => SpindleCourse::Forward,
             (1, true) => SpindleCourse::Return,
             (-1, false) if stretch.start.reverse_share > 0 => SpindleCourse::Backward,
@@ -396,9 +495,22 @@ impl GearDrive {
         match self.course {
             course if course == wanted => course,
             SpindleCourse::Forward if wanted == SpindleCourse::Return => wanted,
-            SpindleCourse::Stopped if self.moved == Distance::ZERO && spindle.is_at_rest() => wanted,
+            SpindleCourse::Stopped
+                if self.moved == Distance::ZERO
+                    && spindle.is_at_rest()
+                    && (wanted != SpindleCourse::Forward || self.is_supplied(stretch, held[1])) =>
+            {
+                wanted
+            }
             _ => SpindleCourse::Stopped,
         }
+    }
+
+    /// Whether the records of the stretch are held that have to be where the spindle turns forward, up to `high`.
+    fn is_supplied(&self, stretch: &GearedStretch, high: u32) -> bool {
+        let GearStart { length, ahead, .. } = stretch.start;
+        let at = self.engaged.as_ref().map_or(0, |gear| gear.at().units() >> 32) as u32;
+        high >= at.saturating_add(u32::from(ahead)).min(length)
     }
 
     /// Waits for the angle at which the stretch begins, and engages it there.
@@ -409,13 +521,11 @@ impl GearDrive {
         angles: [i64; 2],
         spindle: &SpindleMonitor,
     ) -> Option<Alarm> {
-        let GearStart { length, ahead, limits, start_angle, .. } = stretch.start;
+        let GearStart { length, ahead, limits, .. } = stretch.start;
         self.waited = self.waited.saturating_add(1);
         let is_ready =
             held >= u32::from(ahead).min(length) && spindle.is_at_speed() && spindle.direction() == stretch.direction;
-        if let Some(zero) = spindle.zero_angle().filter(|_| is_ready) {
-            let turn = stretch.ratio.turn();
-            let start = zero * stretch.direction + ((i64::from(start_angle) * turn) >> 32);
+        if let Some(start) = self.start_angle(stretch, spindle).filter(|_| is_ready) {
             self.engaged = Gear::engage(stretch.ratio, (length, false), limits, start, angles);
         }
         let timeout = spindle.settings().map_or(0, |of| of.timeout_periods);

@@ -19,8 +19,8 @@ use crate::probe_drive::ProbeDrive;
 use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
 use crate::{
-    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, GearDrive, HeightControl, HeightControllers,
-    InstructionExecutor, OutputBank, OutputCounts, SpindleFollower,
+    ActionTable, CardWindow, CutterPermit, FOLLOWED_SPINDLES, HeightControl, HeightControllers, InstructionExecutor,
+    OutputBank, OutputCounts, SpindleFollower,
 };
 
 mod cutters;
@@ -183,10 +183,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.switching.reset(start.executed);
         (self.target, self.replay, self.block) = (RateTarget::ZERO, false, MotionBlock::None);
         self.probe = ProbeDrive::new();
-        for followed in &mut self.followed {
-            followed.monitor.configure(settings.spindle, settings.period_us);
-            followed.gear = GearDrive::new();
-        }
+        self.open_gear(settings);
         (self.status.probe, self.status.probe_edge) = (self.probe.latch(), None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
@@ -248,6 +245,13 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.update_status();
     }
 
+    /// Locks the outputs at their safe values in an epoch that begins with an alarm: nothing moves, and no rate is
+    /// accepted before it is cleared.
+    pub(crate) fn lock_outputs(&mut self, safe: &[OutputChange]) {
+        self.outputs.lock_safe(safe);
+        self.update_status();
+    }
+
     /// Unlocks the outputs after the alarm is cleared. The target stays 0.
     pub(crate) const fn release(&mut self) {
         self.outputs.release();
@@ -286,6 +290,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             HostCommand::Repeat(repeated) => self.repeat_instruction(repeated)?,
             HostCommand::ArmProbe(arming) => self.arm_probe(arming)?,
             HostCommand::FollowSpindle { on } => self.follow_by_hand(on)?,
+            HostCommand::FreeTool => self.free_tool()?,
+            HostCommand::ArmStretch(armed) => self.arm_stretch(&armed)?,
         }
         self.update_status();
         Ok(())

@@ -72,13 +72,14 @@ impl SpindleMonitor {
         Self { watched: None }
     }
 
-    /// Sets the spindle of an epoch. The count and the index of the same encoder are kept.
-    pub fn configure(&mut self, settings: Option<SpindleSettings>, period_us: u32) {
+    /// Sets the spindle of an epoch. The count and the index of the same encoder are kept: then it returns true.
+    pub fn configure(&mut self, settings: Option<SpindleSettings>, period_us: u32) -> bool {
         let is_same =
             self.watched.as_ref().is_some_and(|of| Some(of.settings) == settings && of.period_us == period_us);
         if !is_same {
             self.watched = settings.map(|settings| WatchedSpindle::new(settings, period_us));
         }
+        is_same
     }
 
     /// Reads the encoder in a control period with these outputs. After an error the counts begin anew, without an

@@ -98,7 +98,7 @@ fn outputs(
         return Err("unknown: the card works for a host".into());
     }
     let Greeting { place, reached, executed, .. } = *greeting;
-    let settings = machine.card_settings(PathStart { place, rests: false, reached, executed, keeps_layer: true });
+    let settings = machine.card_settings(PathStart { place, rests: false, reached, executed, keeps_state: true });
     match linked_card::read_status(card, address, settings) {
         Ok(status) => {
             let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
@@ -135,7 +135,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
         rests: false,
         reached: result.reached,
         executed: result.executed,
-        keeps_layer: true,
+        keeps_state: true,
     });
     card.open(machine.card_settings(start)).map_err(|fault| linked_card::card_error(address, &fault))?;
     let Some(alarm) = card.status().alarm else {

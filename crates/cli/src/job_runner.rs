@@ -76,8 +76,8 @@ pub struct TuiOptions<'r> {
 /// Result of a job, for a person.
 #[derive(Debug, Default)]
 pub struct JobResult {
-    /// One line.
-    pub short: String,
+    /// One line, in parts: how it ended, its contours, and its times.
+    pub short: [String; 3],
     /// Full report.
     pub text: String,
     /// Parameters and tools at the end of the program; `None` where the program did not complete.
@@ -209,7 +209,7 @@ impl JobRunner<'_> {
             alarms: &alarms,
         };
         if let Some(reported) = reported {
-            reported.end(&summary_line(&report));
+            reported.end(&summary_parts(&report).concat());
         }
         let mut value = report.to_json();
         value["job"] = journal.as_ref().map_or(Value::Null, |journal| journal.id().into());
@@ -247,7 +247,7 @@ impl JobRunner<'_> {
                         format!("{text}\n{line}")
                     });
                 let tables = last.tables().filter(|_| outcome == Outcome::Completed);
-                *result = JobResult { short: summary_line(&report), text, tables };
+                *result = JobResult { short: summary_parts(&report), text, tables };
             }
             None => messages.iter().for_each(|line| eprintln!("{line}")),
         }
@@ -407,8 +407,8 @@ fn print_report<const A: usize>(report: &Report<'_, A>, texts: (&TableFiles, &st
     }
 }
 
-/// Result of a job in one line.
-fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
+/// Result of a job in one line, in parts: how it ended, its contours, and its times.
+fn summary_parts<const A: usize>(report: &Report<'_, A>) -> [String; 3] {
     let Report { outcome, stats, machine, .. } = report;
     let seconds = |periods: u64| periods as f64 * machine.period_s();
     let how = match outcome {
@@ -427,7 +427,8 @@ fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
         (contours, 0) => format!(" · {contours} contours cut"),
         (contours, not_cut) => format!(" · {not_cut} of {contours} contours NOT cut through"),
     };
-    format!("{how}{contours} · motion {:.2} s, retraced {:.2} s", seconds(stats.motion), seconds(stats.retracing))
+    let times = format!(" · motion {:.2} s, retraced {:.2} s", seconds(stats.motion), seconds(stats.retracing));
+    [how, contours, times]
 }
 
 /// Report for a person.

@@ -129,9 +129,9 @@ fn encoder_misfits(identity: &CardIdentity, machine: &MachineConfig, inputs: &[I
     let (Some(encoder), Some(board)) = (&machine.encoder, known_boards::encoder_inputs(identity)) else {
         return Vec::new();
     };
-    let used = inputs.iter().enumerate().take(usize::from(board.count));
+    let used = (0..board.count).zip(inputs);
     let mut misfits: Vec<String> = used
-        .filter(|(_, setting)| setting.used_for != InputUse::Plain)
+        .filter(|&(number, setting)| setting.used_for != InputUse::Plain || machine.card.declares_input(number))
         .map(|(number, _)| {
             let last = board.count - 1;
             format!("input {number} is declared; inputs 0 to {last} of the card are the spindle's encoder")

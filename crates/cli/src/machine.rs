@@ -388,14 +388,18 @@ mod tests {
     #[test]
     fn an_encoder_fits_a_pico_whose_inputs_are_free() {
         let pico = known_boards::identity("pico").expect("known");
-        let misfits = |input: u8, counts: u32| {
+        let misfits_of = |input: u8, used_for: &str, counts: u32| {
             let text = format!(
-                "[[card.input]]\nnumber = {input}\nuse = \"emergency-stop\"\n\
+                "[[card.input]]\nnumber = {input}\nuse = \"{used_for}\"\n\
                  [spindle]\ncounts_per_turn = {counts}\nmax_rpm = 3000.0\n"
             );
             misfits_of_board(&text, "pico", &pico).into_iter().map(|it| it.cause).collect::<Vec<_>>()
         };
+        let misfits = |input: u8, counts: u32| misfits_of(input, "emergency-stop", counts);
         assert_eq!(misfits(3, 5000), [""; 0]);
+        assert_eq!(misfits_of(3, "plain", 5000), [""; 0]);
+        let plain = misfits_of(0, "plain", 4000);
+        assert!(plain.len() == 1 && plain[0].contains("input 0 is declared"), "{plain:?}");
         let taken = misfits(2, 4000);
         assert!(taken.len() == 1 && taken[0].contains("inputs 0 to 2 of the card are"), "{taken:?}");
         let fast = misfits(3, 5001);

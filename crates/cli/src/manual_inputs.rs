@@ -10,7 +10,8 @@ use retrace_link::{InputSetting, InputUse};
 const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
     probe`, `press breakaway`, \
     `input 5 on`, `input 5 off`, `unplug`, `plug in`, `power off`, `power on`, `spindle load 30% for 200ms`, `spindle \
-    stall`, `spindle free`, `spindle turn -2`, `encoder dead`, `encoder lose 7`, `encoder no-index`, `analog 1 3.2`";
+    stall`, `spindle free`, `spindle turn -2`, `encoder dead`, `encoder lose 7`, `encoder no-index`, `analog 1 3.2`, \
+    `analog 1 none`";
 
 /// Inputs of the machine file.
 #[derive(Clone, Copy, Debug)]
@@ -32,8 +33,8 @@ pub enum ManualInput {
     Cable { is_in: bool },
     /// Switches the card off or on: its state and position are lost, and the machine stays where it is.
     Power { is_on: bool },
-    /// Sets an analog input, to a reading in units of 2⁻¹⁶ of its range.
-    Analog { number: u8, reading: u16 },
+    /// Sets an analog input, to a reading in units of 2⁻¹⁶ of its range, or to none.
+    Analog { number: u8, reading: Option<u16> },
     /// Something happens to the spindle or its encoder.
     Spindle(SpindleEvent),
 }
@@ -85,10 +86,13 @@ impl ManualInput {
             }
             ["analog", number, amount] => {
                 let number = number.parse::<u8>().ok();
-                let amount = amount.parse::<f64>().ok().filter(|amount| amount.is_finite()).ok_or_else(wrong)?;
+                let amount = match amount {
+                    "none" => None,
+                    amount => Some(amount.parse().ok().filter(|amount: &f64| amount.is_finite()).ok_or_else(wrong)?),
+                };
                 let input = inputs.analog.iter().find(|input| Some(input.number) == number);
                 let input = input.ok_or("no such analog input is declared; see `[[card.analog_input]]`")?;
-                Self::Analog { number: input.number, reading: input.reading(amount) }
+                Self::Analog { number: input.number, reading: amount.map(|amount| input.reading(amount)) }
             }
             ["unplug"] => Self::Cable { is_in: false },
             ["plug", "in"] => Self::Cable { is_in: true },
@@ -197,8 +201,9 @@ mod tests {
         assert_eq!(read("spindle turn -2.5"), spindle(SpindleEvent::Turned(-2.5)));
         assert_eq!(read("encoder lose 7"), spindle(SpindleEvent::CountsLost(7)));
         assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
-        assert_eq!(read("analog 1 3.25"), Some(ManualInput::Analog { number: 1, reading: 832 }));
-        assert_eq!(read("analog 1 -7"), Some(ManualInput::Analog { number: 1, reading: 0 }));
+        assert_eq!(read("analog 1 3.25"), Some(ManualInput::Analog { number: 1, reading: Some(832) }));
+        assert_eq!(read("analog 1 -7"), Some(ManualInput::Analog { number: 1, reading: Some(0) }));
+        assert_eq!(read("analog 1 none"), Some(ManualInput::Analog { number: 1, reading: None }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [
             "door",

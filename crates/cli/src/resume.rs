@@ -284,7 +284,7 @@ impl ResumeStep<'_> {
             rests: false,
             reached: greeting.reached,
             executed: greeting.executed,
-            keeps_layer: true,
+            keeps_state: true,
         };
         let settings = self.machine.card_settings(stands);
         let status = linked_card::read_status(&mut card, &address, settings)?;
@@ -324,7 +324,7 @@ impl ResumeStep<'_> {
             rests: false,
             reached: greeting.reached,
             executed: greeting.executed,
-            keeps_layer: true,
+            keeps_state: true,
         };
         let is_behind =
             result.reached.is_before(stood.start.reached) || number_is_before(result.executed, stood.start.executed);

@@ -133,6 +133,11 @@ impl<const A: usize> ResumeSummary<'_, A> {
             words.push(("new tool", format!("length entered in a pause, {by_mm:+.3} mm; included in the positions")));
         }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
+        if let Some(thread) = prepared.thread() {
+            let line = thread.line;
+            let text = format!("of line {line}: the card turns the spindle, and the tool goes on in its groove");
+            words.push(("thread", text));
+        }
         let behind = prepared.start().reached.since(place.boundary_ahead());
         if behind > 0 {
             words.push(("then", format!("forward {behind} records to the furthest place executed, then normal run")));

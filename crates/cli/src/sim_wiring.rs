@@ -12,7 +12,7 @@ use retrace_config::{
     CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError, SpindleOrientation,
 };
 use retrace_hal_sim::{
-    ArcVoltageSettings, Clock, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings,
+    ArcVoltageSettings, Clock, InputEvent, PlantSettings, ProbedWork, Reply, SimCard, SourceFaults, SourceSettings,
     SpindleSimulation, Switch, WarpedSheet, source_faults,
 };
 use retrace_link::{InputUse, InputWait, PathStart, channel};
@@ -94,6 +94,8 @@ pub fn hung_on<const A: usize>(machine: &MachineConfig, faults: &SourceFaults) -
         ..SpindleSimulation::default()
     });
     settings.sources = sources(machine, faults);
+    let plugged_in = |input: u8| InputEvent { at_us: 0, input, active: true };
+    settings.events.extend(machine.probe.connected_input.map(plugged_in));
     settings
 }
 

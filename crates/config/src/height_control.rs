@@ -88,7 +88,7 @@ impl Default for HeightControlConfig {
             down: None,
             enable: None,
             max_mm_per_s: 10.0,
-            mm_per_s_per_volt: 0.5,
+            mm_per_s_per_volt: 1.0,
             filter_hz: 20.0,
             band_volts: 0.5,
             slope_volts_per_s: 500.0,

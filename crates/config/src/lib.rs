@@ -95,6 +95,6 @@ pub use rate_limits::{IN_FLIGHT_RECORDS, StoppingTimes};
 pub use serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use sheet_sensing::{SheetSensing, TipUp, ToolLayer};
 pub use spindle_config::{EncoderConfig, EncoderDirection, FeedPerTurn};
-pub use spindle_settings::{SpindleConfig, SpindleOrientation};
+pub use spindle_settings::{SpindleConfig, SpindleOrientation, SpindleReady};
 pub use switching::{CodeClass, CodeSettings, CodeSwitching, InReverse, SwitchingTable, UserCode, WaitsFor};
 pub use tool_change_config::{ToolChange, ToolChangeConfig};

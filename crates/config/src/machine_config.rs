@@ -192,7 +192,6 @@ impl MachineConfig {
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
-        let look_ahead = periods(file.look_ahead_s).max(stopping.look_ahead_records + 2 * IN_FLIGHT_RECORDS);
         cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys())?;
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
@@ -201,8 +200,12 @@ impl MachineConfig {
         file.cost.as_ref().map_or(Ok(()), |cost| cost.check(&cutters))?;
         cutter_inputs::proofs_are_plain_inputs(&cutters, &card)?;
         cutter_inputs::declare_collision_inputs(&cutters, &mut card)?;
+        let encoder = file.spindle.checked_encoder(period_us, card.watchdog_periods)?;
+        let ahead = encoder.map_or(0, |encoder| u32::from(encoder.records_ahead) + IN_FLIGHT_RECORDS);
+        let look_ahead =
+            (stopping.look_ahead_records + 2 * IN_FLIGHT_RECORDS).max(ahead).max(periods(file.look_ahead_s));
         let probe = file.probe.checked(&mut card, period_us)?;
-        let spindle = file.spindle.checked(&cutters, &card)?;
+        let spindle = file.spindle.checked(&cutters, &card, period_us)?;
         let manual_tool_change = file.manual_tool_change.checked(file.tool_change, &probe)?;
         let output_names = output_names(file.output, &cutters)?;
         check_analog_outputs(&card.analog_outputs, &cutters, &output_names)?;
@@ -243,7 +246,7 @@ impl MachineConfig {
             tool_change: file.tool_change,
             manual_tool_change,
             feed_per_turn: file.spindle.feed_per_turn,
-            encoder: file.spindle.checked_encoder(period_us)?,
+            encoder,
             spindle,
             on_lost_control: file.on_lost_control,
             plan_mode: file.plan,

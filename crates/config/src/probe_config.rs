@@ -6,6 +6,7 @@ use retrace_link::{InputUse, MAX_INPUTS};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::axis::refuse;
 use crate::card_config::CardConfig;
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
@@ -44,6 +45,8 @@ pub(crate) struct ProbeSection {
     guard: bool,
     /// Whether the spindle may turn in a probing move.
     spindle: SpindleInProbing,
+    /// Input that is active while the probe is plugged in. Nothing probes without it.
+    connected_input: Option<u8>,
     /// Where the machine is at rest behind a probing move that was answered.
     after: AfterTouch,
     /// Effective diameter of the ball of the probe in mm, 0 for a point: `retrace probe calibrate` measures it. Without
@@ -68,6 +71,7 @@ impl Default for ProbeSection {
             overtravel_mm: 5.0,
             guard: true,
             spindle: SpindleInProbing::Off,
+            connected_input: None,
             after: AfterTouch::Stay,
             ball_diameter_mm: None,
             feed_mm_per_min: 300.0,
@@ -84,6 +88,8 @@ impl Default for ProbeSection {
 pub struct ProbeConfig {
     /// Input of the probe; `None` if the machine has none.
     pub input: Option<u8>,
+    /// Input that is active while the probe is plugged in; `None` if it has none.
+    pub connected_input: Option<u8>,
     /// Control periods for which the level has to stay.
     pub filter_periods: u16,
     /// Longest way from the touch to rest, mm.
@@ -120,6 +126,12 @@ impl ProbeSection {
         for mm in self.setter_mm.unwrap_or_default() {
             within("probe.setter_mm", mm, -1e6, 1e6)?;
         }
+        if let Some(input) = self.connected_input
+            && (!card.declares_input(input) || card.input_use(input) != InputUse::Plain)
+        {
+            let cause = format!("probe.connected_input = {input}: no [[card.input]] declares it as a plain input");
+            return Err(refuse(cause));
+        }
         let is_probe = |&input: &u8| card.inputs[usize::from(input)].used_for == InputUse::Probe;
         let input = (0..MAX_INPUTS as u8).find(is_probe);
         if let Some(input) = input.filter(|_| !self.guard) {
@@ -127,6 +139,7 @@ impl ProbeSection {
         }
         Ok(ProbeConfig {
             input,
+            connected_input: self.connected_input,
             filter_periods: (self.filter_us / f64::from(period_us)).ceil() as u16,
             overtravel_mm: self.overtravel_mm,
             spindle_may_turn: self.spindle == SpindleInProbing::MayTurn,
@@ -138,5 +151,23 @@ impl ProbeSection {
             agree_mm: self.agree_mm,
             setter_mm: self.setter_mm,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::MachineConfig;
+
+    #[test]
+    fn the_input_of_a_plugged_in_probe_is_a_plain_one_that_is_declared() {
+        let inputs = "[[card.input]]\nnumber = 0\nuse = \"probe\"\n[[card.input]]\nnumber = 5\nuse = \"plain\"\n";
+        let connected = |input: u32| {
+            let text = format!("{inputs}[probe]\nconnected_input = {input}\n");
+            MachineConfig::parse(&text, "m.toml").map(|machine| machine.probe.connected_input)
+        };
+        assert_eq!(connected(5).expect("a plain input"), Some(5));
+        for other in [0, 6, 16, 255] {
+            assert!(connected(other).is_err_and(|error| error.to_string().contains("connected_input")), "{other}");
+        }
     }
 }

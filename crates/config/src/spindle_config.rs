@@ -39,7 +39,7 @@ pub(crate) struct SpindleSection {
     pub(crate) feed_per_turn: FeedPerTurn,
     /// Counts of the encoder in a turn of the spindle, 4 … 131 072: four times its lines. Without it there is no
     /// encoder.
-    counts_per_turn: Option<u32>,
+    pub(crate) counts_per_turn: Option<u32>,
     /// Direction in which the encoder counts up.
     direction: EncoderDirection,
     /// Whether the encoder has an index, which threads need.
@@ -62,9 +62,14 @@ pub(crate) struct SpindleSection {
     /// Largest difference from the commanded speed at which the spindle is at speed, percent, 0.1 … 50.
     at_speed_percent: f64,
     /// Time for which it has to be at speed, ms, 0 … 10 000.
-    at_speed_ms: f64,
+    pub(crate) at_speed_ms: f64,
     /// Time after which a spindle that is not at speed is an alarm, s, 0.1 … 600.
-    at_speed_timeout_s: f64,
+    pub(crate) at_speed_timeout_s: f64,
+    /// Input by which the drive of a spindle without an encoder reports that it is at speed.
+    #[schemars(range(max = 15))]
+    pub(crate) at_speed_input: Option<u8>,
+    /// Time that a spindle without an encoder and without that input takes to its speed, s, 0 … 600.
+    pub(crate) spin_up_s: f64,
     /// By how much the plan of a thread is faster than the commanded speed, percent, 0 … 200: as much faster may the
     /// spindle turn.
     thread_margin_percent: f64,
@@ -79,6 +84,8 @@ pub(crate) struct SpindleSection {
     reversal_turns: f64,
     /// What a feed hold does in a thread (G33, G76).
     thread_hold: ThreadHold,
+    /// Whether the speed override acts in a thread (G33, G76).
+    thread_override: ThreadOverride,
     /// Whether a held tap can be turned back out of its hole by *reverse*.
     tap_retrace: bool,
     /// Speed of the spindle in turns per minute where a thread is reversed. Without it, the S of the thread; never
@@ -96,6 +103,17 @@ pub(crate) enum ThreadHold {
     Finish,
     /// The spindle is switched off, and the tool rests in the thread.
     Spindle,
+}
+
+/// Whether the speed override acts in a thread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ThreadOverride {
+    /// A thread is cut at the programmed speed.
+    #[default]
+    Off,
+    /// It acts, up to the speed that the thread is planned for.
+    Limited,
 }
 
 /// How G74 and G84 tap.
@@ -124,12 +142,15 @@ impl Default for SpindleSection {
             at_speed_percent: 5.0,
             at_speed_ms: 100.0,
             at_speed_timeout_s: 10.0,
+            at_speed_input: None,
+            spin_up_s: 0.0,
             thread_margin_percent: 25.0,
             thread_tolerance_mm: 0.02,
             tapping: Tapping::Floating,
             reversible: true,
             reversal_turns: 0.0,
             thread_hold: ThreadHold::Finish,
+            thread_override: ThreadOverride::Off,
             tap_retrace: false,
             reverse_rpm: None,
         }
@@ -153,15 +174,31 @@ pub struct EncoderConfig {
     pub is_tapping_rigid: bool,
     /// Whether a feed hold in a thread switches the spindle off; otherwise the thread is finished.
     pub holds_in_thread: bool,
+    /// Whether the speed override acts in a thread, up to the speed that it is planned for.
+    pub overrides_thread: bool,
     /// Whether a held tap can be reversed out of its hole.
     pub reverses_taps: bool,
     /// Speed in turns per minute where a thread is reversed; `None`: that of the thread.
     pub reverse_rpm: Option<f64>,
+    /// Records that the card holds before it begins a thread (SPN-14, SPN-16): enough for a spindle that coasts after
+    /// the watchdog has switched it off because the host was silent.
+    pub records_ahead: u16,
 }
+
+/// Time at full speed in which a spindle that is switched off turns as often as until it stands, where the machine file
+/// does not tell, s.
+const COASTING_S: f64 = 0.25;
+/// Largest number of records that the card holds before it begins a thread: of the smallest window, 1024, a quarter is
+/// kept for records behind the cursor.
+const MAX_RECORDS_AHEAD: f64 = 700.0;
 
 impl SpindleSection {
     /// Checks the section. `None` without an encoder.
-    pub(crate) fn checked_encoder(&self, period_us: u32) -> Result<Option<EncoderConfig>, NumberedError> {
+    pub(crate) fn checked_encoder(
+        &self,
+        period_us: u32,
+        watchdog_periods: u16,
+    ) -> Result<Option<EncoderConfig>, NumberedError> {
         within("spindle.at_speed_percent", self.at_speed_percent, 0.1, 50.0)?;
         within("spindle.at_speed_ms", self.at_speed_ms, 0.0, 10_000.0)?;
         within("spindle.at_speed_timeout_s", self.at_speed_timeout_s, 0.1, 600.0)?;
@@ -189,14 +226,18 @@ impl SpindleSection {
             highest_speed: (max_rpm * 1000.0) as u32,
         };
         let thread_margin = 1.0 + self.thread_margin_percent / 100.0;
+        let coasting_ms = 1000.0 * COASTING_S.max(self.reversal_turns * 60.0 / (max_rpm * thread_margin));
+        let records_ahead = (f64::from(watchdog_periods) + periods(coasting_ms)).min(MAX_RECORDS_AHEAD) as u16;
         Ok(Some(EncoderConfig {
             settings,
             thread_margin,
+            records_ahead,
             thread_tolerance_mm: self.thread_tolerance_mm,
             is_reversible: self.reversible,
             reversal_turns: self.reversal_turns,
             is_tapping_rigid: self.tapping == Tapping::Rigid,
             holds_in_thread: self.thread_hold == ThreadHold::Spindle,
+            overrides_thread: self.thread_override == ThreadOverride::Limited,
             reverses_taps: self.tap_retrace && self.reversible,
             reverse_rpm: self.reverse_rpm,
         }))
@@ -212,6 +253,25 @@ mod tests {
                     100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-200, 200]\n";
         let machine = MachineConfig::parse(&format!("{axis}[spindle]\n{text}\n"), "m").map_err(|e| e.to_string())?;
         Ok(machine.encoder)
+    }
+
+    /// The card begins a thread with enough records for the watchdog's time and a spindle that coasts then, as long as
+    /// the machine file tells; not with more than every card holds. The look-ahead is longer than that.
+    #[test]
+    fn the_records_for_a_silent_host_are_held_before_a_thread_begins() {
+        let ahead = |watchdog_ms: f64, turns: f64| {
+            let text = format!(
+                "look_ahead_s = 0.05\n[card]\nwatchdog_ms = {watchdog_ms}\n[spindle]\ncounts_per_turn = 400\n\
+                 max_rpm = 3000\nreversal_turns = {turns}\n"
+            );
+            let machine = crate::MachineConfig::parse(&text, "lathe").expect("valid");
+            let ahead = machine.encoder.expect("an encoder").records_ahead;
+            assert!(machine.look_ahead_records >= u32::from(ahead) + crate::IN_FLIGHT_RECORDS);
+            ahead
+        };
+        assert_eq!([ahead(250.0, 0.0), ahead(400.0, 0.0)], [500, 650]);
+        // at 3000 rpm and a margin of 25 % 25 turns take as many records as 0.4 s at full speed
+        assert_eq!([ahead(250.0, 25.0), ahead(2000.0, 0.0)], [650, 700]);
     }
 
     #[test]

@@ -79,8 +79,13 @@ pub enum EventKind {
     CommandRejected(CommandError),
     /// Reverse run rests at the history start (REV-8).
     HistoryStartReached,
-    /// Reverse run rests at a retrace barrier; with its code.
-    RetraceBarrier(&'static str),
+    /// Reverse run rests at a retrace barrier.
+    RetraceBarrier {
+        /// Its code.
+        code: &'static str,
+        /// Whether another `reverse` passes it: it is the end of a thread.
+        is_passed_again: bool,
+    },
     /// Reverse run rests where the program switched the cutter, with the cutter on manually.
     CutterBoundary,
     /// Reverse run rests at its target.
@@ -273,7 +278,7 @@ impl Event {
             EventKind::FeedOverrideSwitched(on) => json!({"event": "feed_override_switched", "on": on}),
             EventKind::CommandRejected(reason) => json!({"event": "command_rejected", "reason": reason.to_string()}),
             EventKind::HistoryStartReached => json!({"event": "history_start_reached"}),
-            EventKind::RetraceBarrier(code) => json!({"event": "retrace_barrier", "code": code}),
+            EventKind::RetraceBarrier { code, .. } => json!({"event": "retrace_barrier", "code": code}),
             EventKind::CutterBoundary => json!({"event": "cutter_boundary"}),
             EventKind::BackTargetReached => json!({"event": "back_target_reached"}),
             EventKind::HistoryEndReached => json!({"event": "history_end_reached"}),
@@ -426,7 +431,12 @@ impl Event {
             EventKind::FeedOverrideSwitched(false) => "overrides switched off by the program: 100 %".into(),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
             EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),
-            EventKind::RetraceBarrier(code) => format!("at rest behind {code}, which cannot be passed backward"),
+            EventKind::RetraceBarrier { code, is_passed_again: false } => {
+                format!("at rest behind {code}, which cannot be passed backward")
+            }
+            EventKind::RetraceBarrier { code, is_passed_again: true } => {
+                format!("at rest behind {code}: `reverse` again turns its spindle backward, and passes it")
+            }
             EventKind::CutterBoundary => {
                 "at rest where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut \
                     on"

@@ -16,6 +16,7 @@ use retrace_motion::{FeedRate, PathMode, Planner};
 use crate::approach::approach;
 pub(crate) use crate::jog_mailbox::JogStatus;
 use crate::jog_mailbox::{JogPlannerGone, JogReply, JogRequester, JogResponder, jog_mailbox};
+use crate::jog_speed::JogSpeed;
 use crate::probe_move::ProbeMove;
 use crate::tap_move::{MAX_TAP_RECORDS, TapMove};
 
@@ -28,8 +29,8 @@ const HISTORY_RECORDS: u32 = 64;
 /// A request to the planning thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum JogRequest<const A: usize> {
-    /// A straight move between two positions, in counts, at the jog speed.
-    Straight { from: [i64; A], to: [i64; A] },
+    /// A straight move between two positions, in counts, at the jog speed or a part of it.
+    Straight { from: [i64; A], to: [i64; A], speed: JogSpeed },
     /// The moves of an approach: tool axis up, the others, tool axis down (DNC-6).
     Approach { from: [i64; A], to: [i64; A] },
     /// A probing move, at its feed.
@@ -118,10 +119,10 @@ impl<const A: usize> JogWorker<'_, A> {
     pub(crate) fn serve(self, machine: &MachineConfig, mut identify: Identify) {
         let Self { mut ring, requests } = self;
         requests.serve(|reply, request| match request {
-            JogRequest::Straight { from, to } => plan(&mut ring, machine, reply, from, &[to]),
+            JogRequest::Straight { from, to, speed } => plan(&mut ring, (machine, speed), reply, from, &[to]),
             JogRequest::Approach { from, to } => {
                 let ends = approach(machine, from, to).map_err(|_| JogPlannerGone)?;
-                plan(&mut ring, machine, reply, from, &ends)
+                plan(&mut ring, (machine, JogSpeed::Full), reply, from, &ends)
             }
             JogRequest::Probe(question) => {
                 let mut planner = question.plan::<A>(machine).map_err(|_| JogPlannerGone)?;
@@ -147,7 +148,7 @@ impl<const A: usize> JogWorker<'_, A> {
 /// Plans straight moves, with rest between them.
 fn plan<const A: usize>(
     ring: &mut Producer<'_, Record<A>>,
-    machine: &MachineConfig,
+    (machine, jog_speed): (&MachineConfig, JogSpeed),
     reply: JogReply<'_>,
     from: [i64; A],
     ends: &[[i64; A]],
@@ -155,7 +156,7 @@ fn plan<const A: usize>(
     let mut planner = Planner::new(machine.limits(), in_mm(machine, from)).map_err(|_| JogPlannerGone)?;
     let mut at = from;
     for &end in ends {
-        let feed = FeedRate::PerSecond(speed(machine, at, end));
+        let feed = FeedRate::PerSecond(jog_speed.share() * speed(machine, at, end));
         planner.line(in_mm(machine, end), feed, PathMode::ExactStop, 0).map_err(|_| JogPlannerGone)?;
         planner.stop(Flags::NONE);
         while let Some(record) = planner.next_record() {
@@ -194,23 +195,57 @@ fn speed<const A: usize>(machine: &MachineConfig, from: [i64; A], to: [i64; A]) 
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_move_longer_than_the_ring_ends_with_the_motion_path() {
-        let machine = MachineConfig::parse("", "test").expect("valid");
-        let mut ring = ring::<3>(&machine, RecordIndex::new(0)).expect("fits");
+    /// Uses a jog planner of this machine, whose planning thread ends with it.
+    fn with_planner<T>(machine: &MachineConfig, uses: impl FnOnce(JogPlanner<'_, 3>) -> T) -> T {
+        let mut ring = ring::<3>(machine, RecordIndex::new(0)).expect("fits");
         let status = JogStatus::default();
         let (planner, worker) = jog_channel(ring.split(), &status);
         thread::scope(|scope| {
-            let serving = scope.spawn(|| worker.serve(&machine, Box::new(|| 0)));
-            let mut planner = planner.with_thread(serving.thread().clone());
+            let serving = scope.spawn(|| worker.serve(machine, Box::new(|| 0)));
+            let used = uses(planner.with_thread(serving.thread().clone()));
+            serving.join().expect("it ends");
+            used
+        })
+    }
+
+    #[test]
+    fn a_move_longer_than_the_ring_ends_with_the_motion_path() {
+        let machine = MachineConfig::parse("", "test").expect("valid");
+        // a card that fails ends the motion path without a word
+        with_planner(&machine, |mut planner| {
             let to = [machine.counts_of(0, 200.0), 0, 0];
-            planner.request(JogRequest::Straight { from: [0; 3], to });
+            planner.request(JogRequest::Straight { from: [0; 3], to, speed: JogSpeed::Full });
             while planner.ring.write().number() < machine.look_ahead_records {
                 thread::yield_now();
             }
-            // a card that fails ends the motion path without a word
-            drop(planner);
-            serving.join().expect("it ends");
         });
+    }
+
+    /// Most pulses of X in a period of a jog of 2 mm, and all of them.
+    fn most_and_sum(machine: &MachineConfig, speed: JogSpeed) -> (i16, i64) {
+        with_planner(machine, |mut planner| {
+            let to = [machine.counts_of(0, 2.0), 0, 0];
+            planner.request(JogRequest::Straight { from: [0; 3], to, speed });
+            let (mut most, mut sum) = (0, 0);
+            while !planner.is_done() || planner.ring.read() != planner.ring.write() {
+                if let Some(record) = planner.ring.advance() {
+                    most = most.max(record.increments[0]);
+                    sum += i64::from(record.increments[0]);
+                }
+            }
+            (most, sum)
+        })
+    }
+
+    #[test]
+    fn a_slow_jog_has_a_tenth_of_the_speed_of_the_axis() {
+        let machine = MachineConfig::parse("", "test").expect("valid");
+        let pulses_per_period = machine.axes[0].jog_mm_s() * machine.axes[0].pulses_per_mm * machine.period_s();
+        let (most, sum) = most_and_sum(&machine, JogSpeed::Slow);
+        let expected = pulses_per_period / 10.0;
+        assert!((f64::from(most) - expected).abs() <= 1.0, "{most}, not {expected}");
+        let (most_at_full, sum_at_full) = most_and_sum(&machine, JogSpeed::Full);
+        assert!(f64::from(most_at_full) > 2.0 * expected, "{most_at_full}");
+        assert_eq!([sum, sum_at_full], [machine.counts_of(0, 2.0); 2]);
     }
 }

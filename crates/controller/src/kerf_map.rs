@@ -62,21 +62,25 @@ impl KerfMap {
     /// Begins a contour with a kerf of this width, µm; 0: the height is not controlled, and its kerf is as wide as the
     /// last one.
     pub(crate) fn begin_contour(&mut self, kerf_um: u32) {
+        self.pause();
         while let Some((at, _)) = self.recent.pop_front() {
             self.insert_around(at);
         }
-        (self.burns_at, self.since_near_mm) = (None, f64::INFINITY);
+        self.since_near_mm = f64::INFINITY;
         self.kerf_mm = (f64::from(kerf_um) / 1000.0).min(MAX_KERF_MM);
     }
 
     /// The cutter burns here, and has since the last place that was given, if it burnt there.
     pub(crate) fn burn(&mut self, at: FlatPlace) {
         let Some(kerf_mm) = self.kerf_mm() else { return };
+        let is_going_on = self.burns_at.is_some();
         let from = self.burns_at.replace(at).unwrap_or(at);
         let length_mm = distance_mm(from, at);
-        let spacing_mm = (0.5 * kerf_mm).max(CELL_MM);
+        let spacing_mm = self.spacing_mm();
         let end_mm = self.length_mm + length_mm;
-        let last_mm = self.recent.back().map_or(f64::NEG_INFINITY, |&(_, mm)| mm);
+        // What begins elsewhere is entered from there on.
+        let last = self.recent.back().filter(|&&(last, _)| is_going_on || distance_mm(last, from) < spacing_mm);
+        let last_mm = last.map_or(f64::NEG_INFINITY, |&(_, mm)| mm);
         let mut next_mm = (last_mm + spacing_mm).max(self.length_mm);
         while next_mm <= end_mm {
             let share = if length_mm > 0.0 { (next_mm - self.length_mm) / length_mm } else { 1.0 };
@@ -88,9 +92,14 @@ impl KerfMap {
         self.pass_by(end_mm - APART * kerf_mm);
     }
 
-    /// The cutter does not burn.
-    pub(crate) const fn pause(&mut self) {
-        self.burns_at = None;
+    /// The cutter does not burn: where it did last is the end of the cut so far.
+    pub(crate) fn pause(&mut self) {
+        let Some(at) = self.burns_at.take() else { return };
+        let is_entered = self.recent.back().is_some_and(|&(_, mm)| mm >= self.length_mm);
+        if self.kerf_mm().is_some() && !is_entered {
+            self.pass_by(self.length_mm - APART * self.kerf_mm);
+            self.recent.push_back((at, self.length_mm));
+        }
     }
 
     /// The torch has moved by this length: whether it is closer than one kerf behind a place near a kerf.
@@ -115,16 +124,22 @@ impl KerfMap {
         }
     }
 
-    /// Enters the cells whose centre is closer than one kerf to a place.
+    /// Enters the cells that have a place closer than one kerf to the cut around a place, as far as the next ones.
     fn insert_around(&mut self, at: FlatPlace) {
-        let reach = (self.kerf_mm / CELL_MM).ceil() as i32;
+        let within_mm = self.kerf_mm.hypot(0.5 * self.spacing_mm()) + CELL_MM * std::f64::consts::FRAC_1_SQRT_2;
+        let reach = (within_mm / CELL_MM).ceil() as i32;
         let [x, y] = cell_of(at);
         for cell in (-reach..=reach).flat_map(|dx| (-reach..=reach).map(move |dy| [x + dx, y + dy])) {
             let centre = cell.map(|n| (f64::from(n) + 0.5) * CELL_MM);
-            if distance_mm(centre, at) < self.kerf_mm + 0.5 * CELL_MM {
+            if distance_mm(centre, at) < within_mm {
                 self.insert(cell);
             }
         }
+    }
+
+    /// Distance of the places that are entered, along the cut, mm.
+    fn spacing_mm(&self) -> f64 {
+        (0.5 * self.kerf_mm).max(CELL_MM)
     }
 
     fn insert(&mut self, cell: [i32; 2]) {
@@ -176,7 +191,8 @@ impl KerfReplay<'_> {
     }
 }
 
-fn cell_of(at: FlatPlace) -> [i32; 2] {
+/// The cell of a place: all places in it are equally near to a kerf.
+pub(crate) fn cell_of(at: FlatPlace) -> [i32; 2] {
     at.map(|mm| (mm / CELL_MM).floor() as i32)
 }
 
@@ -231,6 +247,33 @@ mod tests {
     }
 
     #[test]
+    fn the_end_of_a_cut_is_part_of_its_kerf() {
+        for end in 0..40 {
+            let (length_mm, (sin, cos)) = (20.0 + f64::from(end) / 20.0, (TAU * f64::from(end) / 39.0).sin_cos());
+            let mut map = KerfMap::new(true);
+            cut(&mut map, 1400, line([0.0, 0.0], [length_mm * cos, length_mm * sin]));
+            map.begin_contour(1400);
+            let [behind, beside] = [[length_mm + 1.39, 0.0], [length_mm, 1.39]];
+            assert!([behind, beside].iter().all(|[x, y]| map.is_near([x * cos - y * sin, x * sin + y * cos])), "{end}");
+        }
+    }
+
+    #[test]
+    fn a_cut_that_goes_on_elsewhere_is_known_from_there_on() {
+        for begin in 0..40 {
+            let mut map = KerfMap::new(true);
+            map.begin_contour(1400);
+            let x = 30.0 + f64::from(begin) / 20.0;
+            for piece in [line([0.0, 0.0], [20.3, 0.0]), line([x, 0.0], [x + 20.0, 0.0])] {
+                piece.into_iter().for_each(|at| map.burn(at));
+                map.pause();
+            }
+            map.begin_contour(1400);
+            assert!(map.is_near([x - 1.4, 0.0]) && map.is_near([x, 1.4]), "{x}");
+        }
+    }
+
+    #[test]
     fn a_contour_meets_its_own_beginning_and_not_its_end() {
         let mut map = KerfMap::new(true);
         map.begin_contour(1500);
@@ -277,9 +320,7 @@ mod tests {
             map.begin_contour(1500);
             for (share, aside) in places {
                 let along = steps[0] + share * (end - steps[0]);
-                let spacing = (0.5 * kerf).max(CELL_MM);
-                let known_to = end - spacing;
-                if aside.abs() < 0.9 * kerf - 0.3 && along < known_to {
+                if aside.abs() < kerf {
                     prop_assert!(map.is_near(at(along, aside)), "{} {}", along, aside);
                 } else if aside.abs() > kerf + 2.0 * CELL_MM {
                     prop_assert!(!map.is_near(at(along, aside)), "{} {}", along, aside);

@@ -104,9 +104,11 @@ impl ManualMove {
         Self { arming: Arming::Probe(arming), ..self }
     }
 
-    /// Makes it a rigid tap: its records follow the spindle, and it ends where it began.
+    /// Makes it a rigid tap: its records follow the spindle, and it ends where it began. It awaits more records than a
+    /// path does.
     pub(crate) fn tapping(self, gear: GearStart) -> Self {
-        Self { arming: Arming::Tap(gear), ..self }
+        let look_ahead_records = self.look_ahead_records.max(u32::from(gear.ahead));
+        Self { arming: Arming::Tap(gear), look_ahead_records, ..self }
     }
 
     /// Place at which it begins.

@@ -204,6 +204,8 @@ pub enum OperatorCommand {
     Height(HeightCommand),
     /// Lets the motion follow the spindle by hand, in a thread or tap that is held (SPN-23).
     FollowSpindle(bool),
+    /// Says that the tool is free of the thread in which it rests, or behind which: it is retraced by rate (SPN-22).
+    ToolFree,
     /// Returns to on-line mode (DNC-5).
     Online,
     /// *Cycle start* (DNC-6). The same as [`OperatorCommand::Resume`] where nothing is paused.
@@ -279,6 +281,7 @@ impl fmt::Display for OperatorCommand {
             Self::Height(HeightCommand::Control(on)) => write!(f, "height control {}", if *on { "on" } else { "off" }),
             Self::FollowSpindle(true) => write!(f, "follow spindle"),
             Self::FollowSpindle(false) => write!(f, "follow off"),
+            Self::ToolFree => write!(f, "tool free"),
             Self::Online => write!(f, "online"),
             Self::CycleStart => write!(f, "cycle start"),
         }

@@ -139,6 +139,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         }
         ["follow", "spindle"] => OperatorCommand::FollowSpindle(true),
         ["follow", "off"] => OperatorCommand::FollowSpindle(false),
+        ["tool", "free"] => OperatorCommand::ToolFree,
         ["spindle", "stop"] => OperatorCommand::SpindleStop,
         ["spindle", "start"] => OperatorCommand::SpindleStart,
         ["tool", "length", "by", mm] => OperatorCommand::ToolLength(EnteredLength::By(parse_tool_length(mm)?)),

@@ -12,6 +12,7 @@ mod dark_changes;
 mod lead_in;
 mod override_switches;
 mod replay;
+mod retrace_barrier;
 mod returning;
 mod setup;
 
@@ -31,6 +32,7 @@ use block_window::BlockWindow;
 pub(crate) use lead_in::{LeadIn, LeadInEnd, LeadInMove};
 use override_switches::OverrideSwitches;
 pub(crate) use override_switches::SpeedShare;
+use retrace_barrier::RetraceBarriers;
 
 /// How far ahead records may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,8 +98,8 @@ pub struct RecordStreamer<'r, const A: usize> {
     last_fired_channel: Option<u8>,
     /// Result of comparing the marks of an earlier run: all passed, or the first that differs.
     marks: Option<Result<(), Box<MarkDifference>>>,
-    /// The retrace barrier: nothing before this place can be reversed to; with its code.
-    barrier: Option<(RecordIndex, &'static str)>,
+    /// The retrace barriers: nothing before the last one can be reversed to.
+    barriers: RetraceBarriers,
     /// Outputs that the program expects at `reached`.
     expected: Outputs,
     /// The instructions that have switched them.
@@ -151,7 +153,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             contour_channels: Vec::new(),
             last_fired_channel: None,
             marks: None,
-            barrier: None,
+            barriers: RetraceBarriers::default(),
             expected: outputs,
             origins: OutputOrigins::default(),
             block_window: None,
@@ -325,21 +327,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Oldest place of the recorded path that reverse run can reach.
     pub(crate) fn oldest_recorded(&self) -> RecordIndex {
-        let one_way = self.barrier.map(|(place, _)| place);
+        let one_way = self.barriers.last().map(|(place, _)| place);
         [one_way, self.actions_retained_from].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
-    }
-
-    /// Code of the barrier, if one limits reverse run.
-    #[must_use]
-    pub fn barrier(&self) -> Option<&'static str> {
-        self.barrier.filter(|(place, _)| *place == self.oldest()).map(|(_, code)| code)
-    }
-
-    /// Sets a barrier before `place`, because of `what`.
-    pub fn barrier_before(&mut self, place: RecordIndex, what: &'static str) {
-        if self.oldest().is_before(place) {
-            self.barrier = Some((place, what));
-        }
     }
 
     /// The last place at or before `place` where the program switched a cutting output on, if that is retained.
@@ -471,7 +460,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             }
         }
         if done.is_barrier {
-            self.barrier = Some((done.place, done.code));
+            self.set_barrier((done.place, done.code));
         }
         if let Some(next) = self.exclusives.front() {
             self.gates.accept(self.next_number, next.place);

@@ -3,6 +3,7 @@
 //!
 //! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
 
+use retrace_config::SpindleReady;
 use retrace_core::RecordIndex;
 use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 
@@ -43,6 +44,16 @@ impl RestartStep {
     #[must_use]
     pub fn changes(&self) -> &[OutputChange] {
         &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
+    }
+}
+
+/// Adds the wait for a spindle without an encoder to the last step that switches it on or changes its speed (SPN-6).
+pub(crate) fn await_spindle(steps: &mut [RestartStep], wants: &Outputs, ready: SpindleReady) {
+    let concerns = |change: &OutputChange| matches!(change.channel, channel::SPINDLE | channel::SPEED);
+    let last = steps.iter_mut().rev().find(|step| step.changes().iter().any(concerns));
+    if let Some(step) = last.filter(|_| wants[usize::from(channel::SPINDLE)] != 0) {
+        step.periods = step.periods.max(ready.periods);
+        step.until = step.until.or(ready.until);
     }
 }
 

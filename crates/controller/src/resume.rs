@@ -17,10 +17,12 @@ use retrace_core::playback::partial_increment;
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{LengthChange, MarkDifference, PlaceMark, ProgramAnswer, RecordRanges, TapBegin};
-use retrace_link::{CardStatus, OutputChange, Outputs, PathStart, SpindleTask, channel};
+use retrace_link::{CardStatus, GearState, OutputChange, Outputs, PathStart, SpindleTask, channel};
 
 use crate::approach::approach;
+use crate::entered_threads::EnteredThread;
 use crate::kerf_map::KerfReplay;
+use crate::plan_item::ExclusiveKind;
 use crate::record_streamer::{PassedItem, RecordStreamer};
 use crate::start_line::StartPoint;
 
@@ -132,7 +134,7 @@ pub enum ResumeError {
     },
     /// The program's plan differs at a mark.
     Differs(Box<MarkDifference>),
-    /// The job was left inside a thread that begins in this line: the spindle's angle is not known any more.
+    /// The job was left inside a thread that begins in this line, and the card does not hold the tool in it any more.
     InThread {
         /// The line.
         line: u32,
@@ -162,7 +164,7 @@ impl fmt::Display for ResumeError {
             }
             Self::InThread { line } => write!(
                 f,
-                "the job was left inside the thread of line {line}, and the angle of the spindle there is not known \
+                "the job was left inside the thread of line {line}, and the card does not follow the spindle there \
                  any more"
             ),
             Self::PlanningFailed => write!(f, "the program could not be planned again"),
@@ -184,6 +186,8 @@ pub struct ResumePlan<const A: usize> {
     history_mm: f64,
     planned: Rate,
     card: CardStatus<A>,
+    threads: Vec<EnteredThread>,
+    thread: Option<EnteredThread>,
 }
 
 impl<const A: usize> ResumePlan<A> {
@@ -235,6 +239,18 @@ impl<const A: usize> ResumePlan<A> {
         self.planned
     }
 
+    /// The threads that were entered, as far as their records are retained.
+    #[must_use]
+    pub fn threads(&self) -> &[EnteredThread] {
+        &self.threads
+    }
+
+    /// Thread in which the card still holds the tool at its place.
+    #[must_use]
+    pub const fn thread(&self) -> Option<EnteredThread> {
+        self.thread
+    }
+
     /// Status of the card.
     #[must_use]
     pub fn card(&self) -> &CardStatus<A> {
@@ -278,8 +294,7 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     mm_per_pulse: [f64; A],
     switched: ReplayedSwitching<'s, 'r, A>,
     kerfs: KerfReplay<'s>,
-    /// The last thread: the place behind it, and its line.
-    thread: Option<(RecordIndex, u32)>,
+    threads: Vec<EnteredThread>,
 }
 
 impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
@@ -304,7 +319,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             mm_per_pulse,
             switched,
             kerfs,
-            thread: None,
+            threads: Vec::new(),
         }
     }
 
@@ -338,10 +353,14 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         while !self.replay_planned()? {
             thread::sleep(Duration::from_micros(50));
         }
+        let thread = self.thread_at_place(card)?;
         let (line, counts) = match (self.streamer.record(start.place.record), self.counts) {
             (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
             _ => return Err(ResumeError::NoSuchPlace),
         };
+        // The ends of the threads that were reversed through are passed forward again.
+        let ends = self.threads.iter().map(EnteredThread::end);
+        self.streamer.open_barriers_behind(start.place.record, &ends.collect::<Vec<_>>());
         if start.place.record.is_before(self.streamer.oldest()) {
             return Err(ResumeError::NoSuchPlace);
         }
@@ -365,7 +384,22 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             history_mm,
             planned: passed.last().map_or(Rate::ONE, |&(_, planned)| planned),
             card: *card,
+            threads: self.threads,
+            thread,
         })
+    }
+
+    /// The thread in which the job was left: it goes on where the card has kept it, since the last instruction armed
+    /// it, at the very place.
+    fn thread_at_place(&self, card: &CardStatus<A>) -> Result<Option<EnteredThread>, ResumeError> {
+        let left = self.at.start.place;
+        if let Some(tap) = self.at.tap.filter(|tap| tap.place == left.record.number()) {
+            return Err(ResumeError::InThread { line: tap.line });
+        }
+        let Some(thread) = self.threads.iter().find(|thread| thread.is_around(left)) else { return Ok(None) };
+        let is_there = card.place == left && Some(card.counts) == self.counts && card.executed == self.executed;
+        let is_kept = card.spindle.gear == GearState::Engaged && is_there;
+        if is_kept { Ok(Some(*thread)) } else { Err(ResumeError::InThread { line: thread.line }) }
     }
 
     /// Replays what is planned by now. Returns true at the end.
@@ -385,6 +419,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             if place == reached && self.is_begun_start(number) {
                 self.executed = number;
             }
+            if place == reached && number == self.executed && self.is_unanswered_wait() {
+                self.executed = number.wrapping_sub(1);
+            }
             if number_is_before(self.executed, number) {
                 if place == reached {
                     break;
@@ -393,7 +430,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             }
             if let Some(done) = self.streamer.mark_executed(number) {
                 if let Some(SpindleTask::Gear(start)) = done.spindle {
-                    self.thread = Some((done.place + start.length, done.line));
+                    self.threads.push(EnteredThread::new(done.place, start, done.line, self.streamer.expected()));
                 }
                 if let Some(kerf_um) = done.kerf_um {
                     self.kerfs.begin_contour(kerf_um);
@@ -413,16 +450,6 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         let has_marks =
             self.streamer.marks().is_some() || !self.at.marks.iter().any(|m| self.at.origin.is_before(m.place));
         if is_there && has_marks {
-            let left = self.at.start.place.record;
-            // Also where it was reversed out of the thread again: the way to the furthest place is geared.
-            if let Some((end, line)) = self.thread
-                && left.is_before(end)
-            {
-                return Err(ResumeError::InThread { line });
-            }
-            if let Some(tap) = self.at.tap.filter(|tap| tap.place == left.number()) {
-                return Err(ResumeError::InThread { line: tap.line });
-            }
             return Ok(true);
         }
         if self.streamer.planner_is_gone() {
@@ -436,6 +463,12 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             Some(at) if is_there => Err(ResumeError::ProgramEnds { at }),
             _ => Ok(false),
         }
+    }
+
+    /// Whether the pending instruction is a wait for an input whose answer is not in the journal: the host was killed
+    /// after the card had executed it. Nothing behind it was planned, and the input is read again.
+    fn is_unanswered_wait(&self) -> bool {
+        self.streamer.sent_instruction().is_some_and(|next| next.kind == ExclusiveKind::Input)
     }
 
     /// Whether the pending instruction, the first that is not executed, had begun to light a cutter.

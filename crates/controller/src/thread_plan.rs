@@ -16,8 +16,6 @@ use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 /// Share of the plan's acceleration and jerk that a thread uses. The rest is for what the spindle does.
 const ACCELERATION_SHARE: f64 = 0.75;
-/// Time for which the card holds records before it begins, s (SPN-14).
-const AHEAD_S: f64 = 0.25;
 /// Maximum records of a stretch: 17 minutes at a control period of 1 ms.
 const MAX_RECORDS: f64 = 1_048_576.0;
 /// Largest relative difference of a record in the straight part from a whole one.
@@ -268,7 +266,7 @@ impl<const A: usize> ThreadStretch<A> {
             length: u32::try_from(records.len()).unwrap_or(u32::MAX),
             records_per_turn,
             start_angle: ((anchor + self.start_degrees / 360.0).rem_euclid(1.0) * 4_294_967_296.0) as u32,
-            ahead: (AHEAD_S / limits.period_s).ceil() as u16,
+            ahead: encoder.records_ahead,
             limits: GearLimits {
                 rate: Rate::from_units((fastest.min(share.sqrt().recip()).min(8.0) * 4_294_967_296.0) as i64),
                 near_end: Distance::records(near_end as i64),

@@ -19,9 +19,9 @@
 // directions), `unplug` (the USB cable is pulled out, the card keeps its power), `kill` (the other side is to end the
 // host; what it sends meanwhile is lost, and its port is closed), `reset` (the supply breaks down for a moment: every pin
 // is an input at once, and the chip starts anew; over UART0, whose adapter stays), `encoder` (the spindle's encoder shows
-// no count any more). It is over half a second of the chip's time later, a tenth after `encoder`, or with the reset by the
-// watchdog. The run ends then; after `unplug`, `kill` and `reset` the card can be reached again, and the
-// run continues.
+// no count any more). It is over half a second of the chip's time later, a tenth after `encoder`, with the reset by the
+// watchdog, or, after `unplug`, once the card is found again. The run ends then; after `unplug`, `kill` and `reset` the
+// card can be reached again, and the run continues.
 import { writeSync } from 'node:fs';
 import { Board } from './board.mjs';
 import { findings } from './findings.mjs';
@@ -40,6 +40,7 @@ const AFTER_DEATH = 12_500_000;
 const SPINDLE = 14;
 const [FIRST_STEP_PIN, FREQUENCY_PIN] = [2, 21];
 const INPUTS = [16, 17, 18, 19, 20, 21, 27, 28];
+const CUTS = ['cut', 'unplug', 'kill'];
 const GOES_ON = ['unplug', 'kill', 'reset'];
 
 let board = new Board(image);
@@ -82,7 +83,7 @@ const spindleIsOn = () => board.mcu.gpio[SPINDLE].value === 1;
 
 function happen() {
   happened = { at: board.cycles, pulses: scope.pulses };
-  if (event === 'cut' || GOES_ON.includes(event)) cut = true;
+  cut = CUTS.includes(event);
   if (event === 'unplug') usb.unplug();
   if (event === 'kill') usb.setOpen(false);
   if (event === 'freeze') board.frozen = true;
@@ -96,24 +97,29 @@ function happen() {
 function endEvent() {
   isOver = true;
   cut = false;
-  if (event === 'unplug') usb.plugIn();
   happened.pulses_after = scope.pulses - happened.pulses;
   happened.steps_ended = Math.max(0, scope.lastEdge - happened.at);
-  send(2, 2, []);
+  if (event === 'unplug') {
+    // it is over once the card is found again
+    usb.plugIn();
+    isReady = false;
+  } else send(2, 2, []);
 }
 
 function feed() {
   const uart = board.mcu.uart[0];
+  // what a host sends into a line that is cut is gone: the host's clock is faster than the card's
+  if (cut) received += toCard.splice(0).length;
   if (usb) return feedUsb();
   if (toCard.length === 0 || board.cycles < nextByte || uart.rxFIFO.full) return;
   const byte = toCard.shift();
   nextByte = board.cycles + BYTE;
   received++;
-  if (!cut) uart.feedByte(byte);
+  // a chip that starts hears nothing yet
+  if (uart.enabled && uart.rxEnabled) uart.feedByte(byte);
 }
 
 function feedUsb() {
-  if (cut) received += toCard.splice(0).length;
   // a program opens the port before it sends something
   if (toCard.length > 0 && usb.isReady && !usb.isOpen && !usb.control) usb.setOpen(true);
   const taken = usb.serve(toCard);
@@ -135,12 +141,16 @@ function slice() {
     feed();
     torch?.run();
     board.run(Math.min(end, board.cycles + BYTE / 2));
-    if (event && !happened && scope.pulses >= +pulses && spindleIsOn()) happen();
     if (happened && !spindleIsOn()) spindleOff ??= board.cycles - happened.at;
+    if (event && !happened && scope.pulses >= +pulses && spindleIsOn()) {
+      happen();
+      // the clock may have begun anew
+      break;
+    }
   }
   if (!isReady && (!usb || usb.isReady)) {
     isReady = true;
-    send(2, 3, []);
+    send(2, happened ? 2 : 3, []);
   }
   if (fromCard.length > 0) send(0, fromCard.length, fromCard.splice(0));
   if (received > 0) send(1, received, []);

@@ -38,7 +38,7 @@ impl Kind {
         (Self::Step, "steps and directions: 74HCT245 (5 V), then the drives"),
         (Self::Output, "outputs: a driver with 10 kΩ to ground at its input; high is on"),
         (Self::Input, "inputs: contacts to ground, filtered or by optocouplers; 3.3 V at most"),
-        (Self::Line, "line by a USB-serial adapter of 3.3 V; the Pico has USB, too"),
+        (Self::Line, "line by a USB-serial adapter of 3.3 V, or by the USB socket of the board"),
         (Self::Power, "ground, power and reset"),
     ];
 
@@ -72,7 +72,7 @@ fn pico_gpio(gpio: u8) -> (String, Kind) {
     let axis_of =
         |first: u8| (first..first + AXES as u8).contains(&gpio).then(|| AXIS_NAMES[usize::from(gpio - first)]);
     if let Some(at) = pins::SERIAL_PINS.iter().position(|&pin| pin == gpio) {
-        return (["UART: from the card", "UART: to the card"][at].into(), Kind::Line);
+        return (["UART: from the card", "UART: to the card, or voltage module"][at].into(), Kind::Line);
     }
     if let Some(axis) = axis_of(pins::FIRST_STEP_PIN) {
         return (format!("step {axis}"), Kind::Step);
@@ -87,7 +87,15 @@ fn pico_gpio(gpio: u8) -> (String, Kind) {
         return ("S: speed or power (PWM)".into(), Kind::Output);
     }
     if (pins::FIRST_INPUT_PIN..pins::FIRST_INPUT_PIN + pins::INPUTS).contains(&gpio) {
-        return (format!("input {}", gpio - pins::FIRST_INPUT_PIN), Kind::Input);
+        let input = format!("input {}", gpio - pins::FIRST_INPUT_PIN);
+        let other = match gpio.checked_sub(pins::FIRST_SPINDLE_PIN) {
+            Some(at @ 0..pins::SPINDLE_INPUTS) => {
+                format!(", or spindle encoder {}", ["A", "B", "index"][usize::from(at)])
+            }
+            _ if gpio == pins::FREQUENCY_PIN => ", or a frequency".into(),
+            _ => String::new(),
+        };
+        return (input + &other, Kind::Input);
     }
     match pins::ENCODER_PINS.iter().position(|&pin| pin == gpio) {
         Some(at) => (format!("handwheel {}", ["A", "B"][at]), Kind::Input),
@@ -174,13 +182,18 @@ fn stm32f4_board() -> [Vec<Pin>; 2] {
     for (number, function) in pins::SERIAL_PINS.into_iter().zip(["USART1: from the card", "USART1: to the card"]) {
         a.push(pin('A', number, function.into(), Kind::Line));
     }
+    for (number, function) in pins::USB_PINS.into_iter().zip(["USB socket: D-", "USB socket: D+"]) {
+        a.push(pin('A', number, function.into(), Kind::Line));
+    }
     for (input, (port, number)) in pins::INPUT_PINS.into_iter().enumerate() {
         let (letter, side) = match port {
             Port::A => ('A', &mut a),
             Port::B => ('B', &mut b),
             Port::C => ('C', &mut b),
         };
-        side.push(pin(letter, number, format!("input {input}"), Kind::Input));
+        let is_captured = pins::capture_input(input as u8).is_some();
+        let function = if is_captured { format!("input {input}, for a probe") } else { format!("input {input}") };
+        side.push(pin(letter, number, function, Kind::Input));
     }
     for (number, function) in pins::ENCODER_PINS.into_iter().zip(["handwheel A", "handwheel B"]) {
         b.push(pin('B', number, function.into(), Kind::Input));

@@ -8,11 +8,14 @@
 pub mod boot;
 #[cfg(test)]
 mod host_boards;
+pub mod line_selector;
 pub mod output_level;
+pub mod probe_capture;
 pub mod ring;
 pub mod rp2040;
 pub mod step_batch;
 pub mod stm32f4;
+pub mod usb_control;
 
 /// Axes of this card.
 pub const AXES: usize = 4;

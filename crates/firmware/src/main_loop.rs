@@ -3,10 +3,13 @@
 //! Invariant: a step batch is computed only when there is space for it, so that none is ever lost; a delay stretches
 //! time, not the path. A step generator that takes no more batches ends in the halt, with every output low.
 
+use core::mem::MaybeUninit;
+
 use retrace_card::{InputLevels, LentCard};
 use retrace_core::Record;
 use retrace_firmware::step_batch::{StepBatch, StepShape};
 use retrace_firmware::{AXES, ENTRIES, MEMORY, WINDOW, boot};
+use retrace_link::CardIdentity;
 use retrace_link::wire::ReportEntry;
 
 use crate::board::{Board, ThisBoard, stopwatch};
@@ -21,19 +24,11 @@ const STEP_GENERATOR_TIMEOUT: u32 = 12_000_000;
 
 type Card = LentCard<AXES, WINDOW, MEMORY, ENTRIES>;
 
-/// The initial card. It is a constant so that it never passes over the stack. Its large arrays are stored
-/// separately: they are zeros, which need no flash.
-const FRESH: Card = match Card::without_memory(ThisBoard::IDENTITY) {
-    Some(card) => card,
-    None => unreachable!(),
-};
-
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    static mut CARD: Card = FRESH;
+    static mut CARD: MaybeUninit<Card> = MaybeUninit::uninit();
     static mut RECORDS: [Record<AXES>; WINDOW] = [Record::ZERO; WINDOW];
     static mut REPORT_ENTRIES: [ReportEntry; ENTRIES] = [ReportEntry::NOTHING; ENTRIES];
-    CARD.lend_memory(RECORDS, REPORT_ENTRIES);
     let mut board = ThisBoard::start();
     let starts = board.count_start();
     DIAGNOSTICS.mark_valid();
@@ -42,7 +37,25 @@ fn main() -> ! {
         board.feed_watchdog();
     }
     let boot = boot::boot_number(starts, board.cycles());
-    CARD.set_identity(boot::serial_number(board.unique_number()), boot);
+    let serial = boot::serial_number(board.unique_number());
+    let card = create_card(CARD, CardIdentity { serial, boot, ..ThisBoard::IDENTITY });
+    card.lend_memory(RECORDS, REPORT_ENTRIES);
+    run(card, board)
+}
+
+/// Creates the card in its place. As a constant it would be 13 KB of flash, most of them zeros; its large arrays are
+/// stored separately. It passes over the stack, of which this is the deepest place.
+#[inline(never)]
+fn create_card(place: &'static mut MaybeUninit<Card>, identity: CardIdentity) -> &'static mut Card {
+    match Card::without_memory(identity) {
+        Some(card) => place.write(card),
+        None => halt(),
+    }
+}
+
+/// The main loop.
+#[inline(never)]
+fn run(card: &mut Card, mut board: ThisBoard) -> ! {
     let mut steps = Steps { shape: StepShape::INITIAL, rest: 0 };
     let mut sender = Sender { bytes: [0; CHUNK], at: 0, end: 0 };
     let mut last_period = board.cycles();
@@ -50,17 +63,17 @@ fn main() -> ! {
         board.feed_watchdog();
         // between commands, so that a frame of many does not make a period late
         if board.can_put_steps() {
-            run_period(CARD, &mut board, &mut steps);
+            run_period(card, &mut board, &mut steps);
             last_period = board.cycles();
         } else if stopwatch::between(last_period, board.cycles()) > STEP_GENERATOR_TIMEOUT {
             halt();
         }
-        if !CARD.process_command()
+        if !card.process_command()
             && let Some(byte) = board.receive()
         {
-            CARD.receive_byte(byte);
+            card.receive_byte(byte);
         }
-        sender.send(CARD, &mut board);
+        sender.send(card, &mut board);
     }
 }
 

@@ -230,6 +230,11 @@ impl<const A: usize> Plant<A> {
         for each in replying.iter().filter(|each| each.reported_level()) {
             set(&mut active, each.reply.input, true);
         }
+        // What is so from the beginning is not undone by what is switched by hand before the first period.
+        let later = events.partition_point(|event| event.at_us == 0);
+        for event in events.drain(..later) {
+            set(&mut active, event.input, event.active);
+        }
         Self {
             switches: settings.switches.clone(),
             running: settings
@@ -293,7 +298,7 @@ impl<const A: usize> Plant<A> {
             }
         }
         if let Some((number, reading)) = self.step_meter.as_mut().and_then(|meter| meter.advance(now_us, pulses)) {
-            self.set_analog_input(number, reading);
+            self.set_analog_input(number, Some(reading));
         }
         let mut probe_change = None;
         if let Some(probe) = &mut self.probe {
@@ -358,10 +363,11 @@ impl<const A: usize> Plant<A> {
         set(&mut self.active, input, active);
     }
 
-    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range. Without such an input nothing happens.
-    pub fn set_analog_input(&mut self, number: u8, reading: u16) {
+    /// Sets the reading of an analog input, in units of 2⁻¹⁶ of its range, or to none, as where a module is silent.
+    /// Without such an input nothing happens.
+    pub fn set_analog_input(&mut self, number: u8, reading: Option<u16>) {
         if let Some(input) = self.analog.get_mut(usize::from(number)) {
-            *input = Some(reading);
+            *input = reading;
         }
     }
 

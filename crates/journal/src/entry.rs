@@ -322,7 +322,7 @@ impl PositionEntry {
     #[must_use]
     pub fn start(&self) -> PathStart {
         // Whether the path rests there follows from the records; a ramp is right in any case.
-        PathStart { place: self.place, rests: false, reached: self.reached, executed: self.executed, keeps_layer: true }
+        PathStart { place: self.place, rests: false, reached: self.reached, executed: self.executed, keeps_state: true }
     }
 
     /// Whether the output of a cutter was on in normal run.

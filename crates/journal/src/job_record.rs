@@ -246,7 +246,7 @@ impl JobRecord {
                     rests: false,
                     reached: resumed.reached,
                     executed: resumed.executed,
-                    keeps_layer: true,
+                    keeps_state: true,
                 };
                 self.last_position = LastPosition { start, counts: resumed.counts.clone() };
                 (self.end, self.alarm) = (None, None);

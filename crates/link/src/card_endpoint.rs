@@ -122,7 +122,7 @@ impl ReportedState {
             layer,
             height: [HeightState::Off; HEIGHT_CONTROLS],
             probe: ReportedLatch::Idle,
-            spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0 },
+            spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0, armed_again: 0 },
             last_layer: layer,
         }
     }

@@ -64,7 +64,7 @@ pub use settings::{
     AnalogCounts, CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ,
     PathStart, SpindlePwm,
 };
-pub use spindle::{GearStart, GearState, SpindleControl, SpindleSettings, SpindleStatus, SpindleTask};
+pub use spindle::{ArmedStretch, GearStart, GearState, SpindleControl, SpindleSettings, SpindleStatus, SpindleTask};
 pub use wire::Greeting;
 
 /// Interface of the controller to a card, simulated or real.

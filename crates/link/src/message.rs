@@ -6,8 +6,8 @@ use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::outputs::{ANALOG_INPUTS, AnalogInputs, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{
-    Alarm, CutterOff, GearState, HEIGHT_CONTROLS, HeightState, LayerMove, PathStart, ProbeArming, ProbeEdge,
-    ProbeLatch, RepeatedInstruction, SpindleStatus, SpindleTask,
+    Alarm, ArmedStretch, CutterOff, GearState, HEIGHT_CONTROLS, HeightState, LayerMove, PathStart, ProbeArming,
+    ProbeEdge, ProbeLatch, RepeatedInstruction, SpindleStatus, SpindleTask,
 };
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
@@ -154,6 +154,12 @@ pub enum HostCommand<const A: usize> {
         /// Whether to follow it.
         on: bool,
     },
+    /// Takes the gear off a stretch in which a rate acts on the spindle: the operator says that the tool is free
+    /// (SPN-22). Only at rest, in the stretch or at its end, with the spindle switched off and at rest.
+    FreeTool,
+    /// Arms a stretch again that an instruction has armed before: one that the path comes back to (SPN-22). Only where
+    /// none is engaged, in front of it, or at rest at its end. It replaces the one that is armed.
+    ArmStretch(ArmedStretch),
 }
 
 impl<const A: usize> HostCommand<A> {
@@ -298,7 +304,7 @@ impl<const A: usize> CardStatus<A> {
             cutter_off: None,
             probe: ProbeLatch::Idle,
             probe_edge: None,
-            spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0 },
+            spindle: SpindleStatus { speed: None, gear: GearState::Off, largest_lag: 0, armed_again: 0 },
         }
     }
 }

@@ -19,13 +19,14 @@ pub mod channel {
     pub const TOOL: u8 = 68;
     /// Whether the loss of a cutter is not watched: 0 or 1 (M62 P1). 0 when an epoch begins.
     pub const UNWATCHED: u8 = 69;
-    /// Whether the height stays where it is controlled: 0, or anything else (M62 P2, a kerf that is crossed). 0 when an
-    /// epoch begins. Only with the feature `analog`.
+    /// Whether the program holds the height where it is controlled: 0, or anything else (M62 P2). 0 when an epoch
+    /// begins. Only with the feature `analog`.
     pub const HEIGHT_HOLD: u8 = 70;
     /// What the operator adds to the target of height control, in readings of its analog input, or [`HEIGHT_STAYS`].
     /// Only with the feature `analog`.
     pub const HEIGHT_OFFSET: u8 = 71;
-    /// Value of [`HEIGHT_OFFSET`] with which the height stays: the operator has switched height control off.
+    /// Value of [`HEIGHT_OFFSET`] with which the height stays: a kerf is crossed, or the operator has switched height
+    /// control off.
     pub const HEIGHT_STAYS: i32 = i32::MIN;
     /// First analog output (M67, M68). The values of the analog outputs are in units of 1/[`ANALOG_ONE`] of the unit
     /// that the machine file gives them.

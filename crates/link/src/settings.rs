@@ -13,7 +13,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 18;
+pub const PROTOCOL: u8 = 20;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -151,15 +151,17 @@ pub struct PathStart {
     pub reached: RecordIndex,
     /// Number of the last completed exclusive instruction; the next one has the number after it.
     pub executed: u32,
-    /// Whether the layer is kept; otherwise it becomes part of the counts of its axis, and nothing moves.
-    pub keeps_layer: bool,
+    /// Whether the layer is kept, and the geared stretch in which the cursor rests, or which it awaits, with its
+    /// angle; otherwise the layer becomes part of the counts of its axis, and the stretch is forgotten. Nothing moves.
+    /// A stretch is kept only where the path begins at the place of the cursor.
+    pub keeps_state: bool,
 }
 
 impl PathStart {
     /// Returns the start of a path that begins with this record, with nothing executed.
     #[must_use]
     pub const fn at(record: RecordIndex) -> Self {
-        Self { place: Place::start_of(record), rests: true, reached: record, executed: 0, keeps_layer: false }
+        Self { place: Place::start_of(record), rests: true, reached: record, executed: 0, keeps_state: false }
     }
 
     /// Whether the start is consistent: `reached` is not behind the place, and the path is in motion inside a record.

@@ -3,8 +3,8 @@
 //!
 //! Invariant: angles and counts are counted positive clockwise (M3).
 
-use retrace_core::Rate;
 use retrace_core::gear::{GearLimits, GearRatio};
+use retrace_core::{Rate, RecordIndex};
 
 /// Settings of a spindle with an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -59,6 +59,22 @@ pub struct GearStart {
     pub control: SpindleControl,
 }
 
+/// A geared stretch that is armed again, without the instruction at its beginning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ArmedStretch {
+    /// Its first record.
+    pub first: RecordIndex,
+    /// Its gearing.
+    pub start: GearStart,
+    /// Commanded speed of the spindle where it is passed forward, in thousandths of a revolution per minute, positive
+    /// clockwise; not 0.
+    pub speed: i32,
+    /// Whether the cursor is at its end, from which it is passed backward; otherwise the cursor is in front of it.
+    pub is_passed: bool,
+    /// Place in front of it before which nothing is passed backward: the end of the stretch before it.
+    pub barrier: Option<RecordIndex>,
+}
+
 /// What the card does with the spindle in a stretch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum SpindleControl {
@@ -110,6 +126,8 @@ pub enum GearState {
     Waiting,
     /// The motion follows the spindle's angle.
     Engaged,
+    /// The tool is free of the stretch, which is passed by rate.
+    Freed,
 }
 
 /// Measured state of the spindle.
@@ -121,4 +139,6 @@ pub struct SpindleStatus {
     pub gear: GearState,
     /// Largest lag in the stretch that is geared, or was geared last, in units of 2⁻¹⁶ records.
     pub largest_lag: u32,
+    /// Stretches that were armed again in this epoch, modulo 256.
+    pub armed_again: u8,
 }

@@ -197,9 +197,34 @@ export class ActionTable {
     this.orders.send(this.store.state.pause?.stopped ? 'spindle start' : 'spindle stop');
   }
 
+  /** Takes a point of the edge of the sheet, after saying what it is for; with both points, asks whether to set it. */
   performSheetEdge() {
-    const sheet = this.store.state.sheet;
-    if (!sheet || sheet.points < 2) return this.orders.send('sheet point');
+    const sheet = this.store.state.sheet,
+      points = sheet?.points ?? 0;
+    if (points < 2) {
+      const where = points === 0 ? 'at the zero of the job' : 'further along it, 50 mm or more';
+      openDialog({
+        key: 'sheet-point',
+        title: 'Align the job to the edge of the sheet',
+        content: [
+          element('p', {
+            text:
+              'Two points on the edge set the work zero and the direction of the job. ' +
+              `Jog the tool to the edge, ${where}.`,
+          }),
+        ],
+        choices: [
+          { label: 'Cancel' },
+          points === 1 ? { label: 'Forget the first point', run: () => this.orders.send('sheet forget') } : null,
+          {
+            label: `Take the ${points === 0 ? 'first' : 'second'} point here`,
+            main: true,
+            run: () => this.orders.send('sheet point'),
+          },
+        ].filter(Boolean),
+      });
+      return;
+    }
     this.shownSheet = JSON.stringify(sheet);
     openDialog({
       key: 'sheet',
@@ -252,11 +277,25 @@ export class ActionTable {
         extents
           ? element('p', { class: 'cause', text: `${range('X', x)}, ${range('Y', y)} ${lengthUnit()} of the machine` })
           : null,
+        this.frameHeight(),
       ].filter(Boolean),
       choices: [{ label: 'Cancel' }, { label: 'Go round', main: true, run: send }],
       // The choice runs behind this.
       onClose: () => setTimeout(() => isSent || store.showFrame(null)),
     });
+  }
+
+  /** At which height the tool goes round, as a paragraph, or null. */
+  frameHeight() {
+    const { state, live } = this.store;
+    if (!state.frame_height || !live) return null;
+    const [axis, safe] = state.frame_height,
+      letter = this.store.axis(axis)?.letter.toUpperCase() ?? '',
+      place = mm => `${letter} ${formatPosition(mm)} ${lengthUnit()} of the machine`,
+      now = live.mm[axis];
+    if (safe === null) return element('p', { class: 'frame-height', text: `Stays at ${place(now)}: no safe height is set.` });
+    const text = safe > now ? `First up to ${place(safe)} (safe height).` : `Stays at ${place(now)}, above the safe height.`;
+    return element('p', { class: 'frame-height', text });
   }
 
   performHeightControl() {

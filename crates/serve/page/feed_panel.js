@@ -227,7 +227,7 @@ export class FeedPanel {
   showSpindle(live) {
     const rpm = live?.rpm;
     this.spindle.node.hidden = rpm === null || rpm === undefined;
-    const gear = { waiting: ' · waits for its angle', engaged: ' · thread', by_hand: ' · by hand' }[live?.gear] ?? '';
+    const gear = { waiting: ' · waits for its angle', engaged: ' · thread', by_hand: ' · by hand', freed: ' · tool free' }[live?.gear] ?? '';
     setText(this.spindle.value, `${rpm ?? 0}/min${gear}`);
   }
 

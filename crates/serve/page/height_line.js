@@ -38,12 +38,14 @@ export class HeightLine {
     this.layer = figure('layer');
     this.sum = figure('sum');
     this.sum.node.append(' ', this.unit);
+    this.overSheet = figure('over sheet');
     this.figures = element(
       'div',
       { class: 'figures tool-height' },
       this.path.node,
       this.layer.node,
       this.sum.node,
+      this.overSheet.node,
     );
     this.text = element('span', { class: 'height-text' });
     this.sign = element('span', { 'aria-hidden': 'true' });
@@ -78,6 +80,7 @@ export class HeightLine {
     setText(this.path.value, formatPosition(layer.path_mm));
     setText(this.layer.value, formatPosition(layer.layer_mm));
     setText(this.sum.value, formatPosition(sum));
+    setText(this.overSheet.value, formatPosition(layer.over_sheet_mm));
     setText(this.unit, lengthUnit());
     const isOpen = setting('heightChart') === 'open';
     setAttribute(this.opener, 'aria-expanded', String(isOpen));

@@ -1,4 +1,4 @@
-// The jog pad: continuous jogs held to run, steps, home, pause.
+// The jog pad: continuous jogs held to run at the jog speed or slowly, steps, home, pause.
 //
 // Invariant: a jog lives by beats from the main thread of this page, each 50 ms. Whatever ends the touch (finger up or
 // lost, a second finger, focus lost, page hidden, link lost) ends the beats and sends the end of the jog. The axis that
@@ -19,7 +19,8 @@ const PAD = { x: ['left', 'right'], y: ['down', 'up'] };
 export class JogPad {
   constructor(store, orders, actions) {
     Object.assign(this, { store, orders, actions });
-    this.stepIndex = null;
+    /** What a press does: one of `choices`, `{mm}` for a step or `{speed, share}` for a jog that is held to run. */
+    this.choiceIndex = 0;
     this.axisIndex = 0;
     /** Is told the axis that [ and ] jog. */
     this.onKeyAxis = () => {};
@@ -51,22 +52,22 @@ export class JogPad {
   }
 
   build(hello) {
-    this.stepsMm = jogSteps(hello.jog_steps_mm);
-    this.stepButtons = [null, ...this.stepsMm].map((mm, index) =>
-      element(
-        'button',
-        { type: 'button', role: 'radio', on: { click: () => this.choose(index === 0 ? null : index - 1) } },
-        mm === null ? 'held' : formatStep(mm),
-      ),
+    const held = [
+      { label: 'held', speed: 'full', share: 1 },
+      { label: 'slow', speed: 'slow', share: hello.slow_jog_share },
+    ];
+    this.choices = [...held, ...jogSteps(hello.jog_steps_mm).map(mm => ({ mm, label: formatStep(mm) }))];
+    this.stepButtons = this.choices.map(({ label }, index) =>
+      element('button', { type: 'button', role: 'radio', on: { click: () => this.choose(index) } }, label),
     );
     setChildren(this.steps, ...this.stepButtons);
     this.keys = hello.machine.axes.flatMap((axis, index) => [false, true].map(up => this.jogKey(axis, index, up)));
     setChildren(this.pad, ...this.keys.map(key => key.node), this.zero, this.home);
     this.pad.dataset.axes = String(hello.machine.axes.length);
-    if (this.stepIndex !== null && this.stepIndex >= this.stepsMm.length) this.stepIndex = null;
+    if (this.choiceIndex >= this.choices.length) this.choiceIndex = 0;
     this.axisIndex = Math.min(this.axisIndex, hello.machine.axes.length - 1);
     this.onKeyAxis(this.axisIndex);
-    this.setStep(this.stepIndex);
+    this.setChoice(this.choiceIndex);
     this.showState();
   }
 
@@ -93,7 +94,7 @@ export class JogPad {
     const key = { axis: axis.letter, index, up, node };
     node.addEventListener('pointerdown', event => {
       if (!event.isPrimary || event.button !== 0 || isOff(node)) return;
-      if (this.stepIndex === null) node.setPointerCapture(event.pointerId);
+      if (this.chosen.speed) node.setPointerCapture(event.pointerId);
       this.begin(key);
     });
     for (const event of ['pointerup', 'pointercancel', 'lostpointercapture'])
@@ -128,15 +129,15 @@ export class JogPad {
   begin(key) {
     if (!this.isPossible()) return;
     this.end();
-    if (this.stepIndex !== null) {
-      const mm = this.stepsMm[this.stepIndex] * (key.up ? 1 : -1);
-      this.orders.send(`jog ${key.axis} ${orderNumber(mm)}`);
+    const { mm, speed } = this.chosen;
+    if (speed === undefined) {
+      this.orders.send(`jog ${key.axis} ${orderNumber(key.up ? mm : -mm)}`);
       return;
     }
     const number = ++this.beatNumber;
     const held = (this.held = { key, number });
     key.node.classList.add('held');
-    this.orders.startJog(key.axis, key.up, number).then(isStarted => {
+    this.orders.startJog(key.axis, key.up, speed, number).then(isStarted => {
       if (!isStarted && this.held === held) this.end();
     });
     held.timer = setInterval(() => this.orders.beat(number), BEAT_MS);
@@ -159,27 +160,31 @@ export class JogPad {
     return key !== undefined;
   }
 
-  setStep(index) {
-    this.stepIndex = index;
-    this.stepButtons.forEach((node, place) => {
-      const isChosen = place === (index === null ? 0 : index + 1);
-      node.setAttribute('aria-checked', String(isChosen));
-    });
+  get chosen() {
+    return this.choices[this.choiceIndex];
   }
 
-  /** Chooses a step, and says how far or how fast a jog goes then. */
+  setChoice(index) {
+    this.choiceIndex = index;
+    this.stepButtons.forEach((node, place) => node.setAttribute('aria-checked', String(place === index)));
+  }
+
+  /** Chooses a step or a speed, and says how far or how fast a jog goes then. */
   choose(index) {
-    this.setStep(index);
+    this.end();
+    this.setChoice(index);
+    const { label, share } = this.chosen;
     this.orders.notices.inform(
-      index === null ? `Jog: held to run, ${this.heldSpeeds()}` : `Jog step: ${formatStep(this.stepsMm[index])}`,
+      share === undefined ? `Jog step: ${label}` : `Jog: held to run, ${this.heldSpeeds(share)}`,
     );
   }
 
   /** Speeds of a held jog, axes of the same speed together: `X Y 3000 mm/min, Z 900 mm/min`. */
-  heldSpeeds() {
+  heldSpeeds(share) {
     const letters = new Map();
     for (const { letter, is_linear, jog_mm_s } of this.store.hello.machine.axes) {
-      const [feed, unit] = is_linear ? [formatFeed(60 * jog_mm_s), feedUnit()] : [(60 * jog_mm_s).toFixed(0), '°/min'];
+      const perMinute = 60 * jog_mm_s * share;
+      const [feed, unit] = is_linear ? [formatFeed(perMinute), feedUnit()] : [perMinute.toFixed(0), '°/min'];
       const speed = `${feed} ${unit}`;
       letters.set(speed, [...(letters.get(speed) ?? []), letter.toUpperCase()]);
     }
@@ -187,9 +192,7 @@ export class JogPad {
   }
 
   nextStep() {
-    this.end();
-    const order = [...this.stepsMm.keys(), null];
-    this.choose(order[(order.indexOf(this.stepIndex) + 1) % order.length]);
+    this.choose((this.choiceIndex + 1) % this.choices.length);
   }
 
   nextAxis() {

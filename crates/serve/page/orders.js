@@ -43,10 +43,10 @@ export class OrderSender {
   }
 
   /** Starts a continuous jog. Resolves with whether it runs. */
-  async startJog(axis, up, beat) {
+  async startJog(axis, up, speed, beat) {
     const { store } = this;
     if (!store.isHolder) return this.refuse('this page is not in control', 'Take control in the state line.');
-    const message = { t: 'jog', turn: store.control.turn, seen: store.state?.n ?? 0, axis, up, beat };
+    const message = { t: 'jog', turn: store.control.turn, seen: store.state?.n ?? 0, axis, up, speed, beat };
     const answer = await this.connection.ask(message);
     if (answer.t === 'refused') this.notices.refuse(answer);
     return answer.t === 'done';

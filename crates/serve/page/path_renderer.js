@@ -132,8 +132,7 @@ export class PathRenderer {
     const { gl, canvas } = this,
       { program, uniforms } = this.programs[name],
       matrix = camera.uniforms();
-    const cursor = Math.floor(state.record),
-      fraction = state.record - cursor;
+    const cursor = Math.floor(state.record);
     gl.useProgram(program);
     gl.uniform3fv(uniforms.right, matrix.right);
     gl.uniform3fv(uniforms.up, matrix.up);
@@ -142,7 +141,9 @@ export class PathRenderer {
     gl.uniform1f(uniforms.width, width);
     gl.uniform1i(uniforms.cursor, cursor);
     if (name === 'pick') return;
-    gl.uniform2f(uniforms.history, state.oldest - cursor, Math.max(state.reached - cursor, fraction));
+    // A tool that stands within the furthest record has gone back over nothing.
+    const furthest = state.reached - state.record > 1 ? state.reached - cursor : 0;
+    gl.uniform2f(uniforms.history, state.oldest - cursor, furthest);
     gl.uniform4fv(uniforms.ink, state.inks);
     gl.uniform1f(uniforms.dash, state.dash);
     gl.uniform1f(uniforms.feed_share, state.feedShare);

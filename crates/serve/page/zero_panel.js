@@ -83,22 +83,8 @@ export class ZeroPanel {
     });
   }
 
-  /** Takes a point of the edge of the sheet, after saying what it is for; with both points, asks whether to set it. */
   takeSheetPoint() {
-    if (isOff(this.sheet)) return;
-    const points = this.store.state.sheet?.points ?? 0;
-    if (points >= 2) {
-      this.actions.perform('sheet-edge');
-      return;
-    }
-    const where = points === 0 ? 'at the zero of the job' : 'further along it';
-    confirm({
-      title: 'Align the job to the edge of the sheet',
-      text: `Two points on the edge set the work zero and the direction of the job. Jog the tool to the edge, ${where}.`,
-      label: `Take the ${points === 0 ? 'first' : 'second'} point here`,
-      danger: false,
-      run: () => this.orders.send('sheet point'),
-    });
+    if (!isOff(this.sheet)) this.actions.perform('sheet-edge');
   }
 
   setTo(axis) {

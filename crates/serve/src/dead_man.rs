@@ -1,14 +1,12 @@
 //! Dead man's switch of a jog: it goes on only as long as the page that holds the button keeps sending beats.
 //!
-//! Invariant: at most one jog is held; whatever ends the beats ends it within [`BEAT_TIMEOUT`].
+//! Invariant: at most one jog is held; whatever ends the beats ends it within [`HELD_JOG_TIMEOUT`].
 
 use std::time::Duration;
 
-use crate::control::Client;
+use retrace_tui::HELD_JOG_TIMEOUT;
 
-/// Time without a beat after which a jog ends. The axis begins to brake within 200 ms of the last beat: what is left of
-/// them is for the way to the card.
-pub(crate) const BEAT_TIMEOUT: Duration = Duration::from_millis(160);
+use crate::control::Client;
 
 /// The jog that is held, if there is one. Times are those since the server began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,12 +46,12 @@ impl DeadMan {
 
     /// Returns whether the jog ends because no beat has come for too long.
     pub(crate) fn is_overdue(&mut self, now: Duration) -> bool {
-        self.held.take_if(|held| now >= held.heard + BEAT_TIMEOUT).is_some()
+        self.held.take_if(|held| now >= held.heard + HELD_JOG_TIMEOUT).is_some()
     }
 
     /// Time until the jog ends, unless a beat comes.
     pub(crate) fn left(&self, now: Duration) -> Option<Duration> {
-        self.held.map(|held| (held.heard + BEAT_TIMEOUT).saturating_sub(now))
+        self.held.map(|held| (held.heard + HELD_JOG_TIMEOUT).saturating_sub(now))
     }
 
     /// Whether a jog is held.

@@ -2,6 +2,7 @@
 //!
 //! Invariant: functions and keys are those of the table that the terminal screen has.
 
+use retrace_controller::JogSpeed;
 use retrace_tui::panel_actions;
 use serde::Serialize;
 
@@ -22,6 +23,8 @@ pub(crate) struct HelloView {
     machine: MachineView,
     actions: Vec<ActionView>,
     jog_steps_mm: [f64; 4],
+    /// Speed of a slow jog, as a share of the jog speed.
+    slow_jog_share: f64,
     is_demo: bool,
     #[serde(flatten)]
     page: Option<PageView>,
@@ -146,6 +149,7 @@ impl HelloView {
             },
             actions: actions.collect(),
             jog_steps_mm: JOG_STEPS_MM,
+            slow_jog_share: JogSpeed::Slow.share(),
             is_demo: server.options.is_demo,
             page: None,
         }

@@ -2,6 +2,7 @@
 //!
 //! Invariant: a field that is not known is an error, so that no misspelt safeguard is ignored.
 
+use retrace_controller::JogSpeed;
 use serde::Deserialize;
 
 /// A message of a page.
@@ -41,6 +42,9 @@ pub(crate) enum PageMessage {
         axis: String,
         /// Whether in positive direction.
         up: bool,
+        /// How fast.
+        #[serde(default)]
+        speed: HeldJogSpeed,
         /// Number of its beats.
         beat: u32,
     },
@@ -94,6 +98,27 @@ impl PageMessage {
             return Err("it is not an object".into());
         }
         serde_json::from_str(text).map_err(|error| error.to_string())
+    }
+}
+
+/// How fast a jog is that a page holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum HeldJogSpeed {
+    /// The jog speed of the axis.
+    #[default]
+    Full,
+    /// A tenth of it.
+    Slow,
+}
+
+impl From<HeldJogSpeed> for JogSpeed {
+    fn from(speed: HeldJogSpeed) -> Self {
+        match speed {
+            HeldJogSpeed::Full => Self::Full,
+            HeldJogSpeed::Slow => Self::Slow,
+        }
     }
 }
 

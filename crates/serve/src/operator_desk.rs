@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use retrace_config::{NumberedError, OnLostControl};
-use retrace_controller::{ManualTask, OperatorCommand};
+use retrace_controller::{JogSpeed, ManualTask, OperatorCommand};
 use retrace_tui::{ScreenModel, ScreenStage, UiCommand, lock_model};
 
 use crate::command_words::{self, Order};
@@ -285,13 +285,18 @@ impl OperatorDesk {
         Ok(())
     }
 
-    /// Begins a jog that is held to run.
+    /// Begins a jog that is held to run, along an axis, upward or not, at a speed.
     ///
     /// # Errors
     /// Why it is refused.
-    pub(crate) fn jog(&self, context: OrderContext, axis: &str, up: bool, beat: u32) -> Result<(), NumberedError> {
+    pub(crate) fn jog(
+        &self,
+        context: OrderContext,
+        (axis, up, speed): (&str, bool, JogSpeed),
+        beat: u32,
+    ) -> Result<(), NumberedError> {
         let axis = command_words::axis(axis, &self.model())?;
-        let command = UiCommand::Task(ManualTask::JogOn { axis, up });
+        let command = UiCommand::Task(ManualTask::JogOn { axis, up, speed });
         self.check_stage(&command)?;
         let mut state = self.state();
         self.check(&state, context, true)?;

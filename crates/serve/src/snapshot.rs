@@ -48,6 +48,8 @@ pub(crate) struct StateView {
     /// Extents in X and in Y of what the program cuts, in machine coordinates, where they are known: what a frame goes
     /// round.
     cut_extents_mm: Option<[[f64; 2]; 2]>,
+    /// Index of the axis that a frame raises before it goes round, and the machine's safe height, if it has one.
+    frame_height: Option<(usize, Option<f64>)>,
     #[serde(rename = "override")]
     feed_override: f64,
     rapid_override: f64,
@@ -350,6 +352,7 @@ impl StateView {
             skipped_contours: model.contours.skipped().take(MAX_SKIPPED).collect(),
             sheet: SheetView::of(model),
             cut_extents_mm: retrace_tui::cut_extents_mm(model).map(|of| of.map(|of| of.map(|mm| rounded(mm, 1e3)))),
+            frame_height: retrace_tui::frame_height(model),
             dry_run: model.dry_run,
             feed_override: rounded(model.override_rate, 1e4),
             rapid_override: rounded(model.rapid_override, 1e4),
@@ -435,6 +438,8 @@ struct LayerView {
     path_mm: Option<f64>,
     /// What sensing and height control add to it, once it is known.
     layer_mm: Option<f64>,
+    /// Height over the sheet where it was sensed last, in a job and where it is known.
+    over_sheet_mm: Option<f64>,
 }
 
 /// Height control: what it does, the arc voltage with its target, and what the operator adds to the target.
@@ -517,11 +522,13 @@ impl LiveView {
                 GearState::Waiting => "waiting",
                 GearState::Engaged if model.follows_spindle => "by_hand",
                 GearState::Engaged => "engaged",
+                GearState::Freed => "freed",
             },
             layer: ToolHeight::of(model).map(|of| LayerView {
                 axis: of.axis,
                 path_mm: of.path_mm.map(|mm| rounded(mm, 1e4)),
                 layer_mm: of.layer_mm.map(|mm| rounded(mm, 1e4)),
+                over_sheet_mm: retrace_tui::over_sheet_mm(model).map(|mm| rounded(mm, 1e4)),
             }),
             height: HeightFigures::of(model).map(|of| HeightView {
                 state: of.state,

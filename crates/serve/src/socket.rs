@@ -232,8 +232,8 @@ impl<'s> Page<'s> {
                     self.answer(0, Err(error));
                 }
             }
-            PageMessage::Jog { id, turn, seen, axis, up, beat } => {
-                let done = desk.jog(context(turn, seen), &axis, up, beat);
+            PageMessage::Jog { id, turn, seen, axis, up, speed, beat } => {
+                let done = desk.jog(context(turn, seen), (&axis, up, speed.into()), beat);
                 self.answer(id, done);
             }
             PageMessage::Beat { beat } => desk.beat(client, beat),

@@ -4,7 +4,7 @@
 
 use retrace_controller::CutterState;
 
-use crate::model::ScreenModel;
+use crate::model::{ScreenModel, ScreenStage};
 
 /// Why the machine stands in a cut that ends in this line.
 pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
@@ -17,7 +17,33 @@ pub(crate) fn interrupted_text(model: &ScreenModel, line: u32) -> String {
         // It is not known which one was cutting.
         _ => "goes back".into(),
     };
-    format!("{what} in line {line}; k {back}, FIRES and cuts on; c asks, and fires here")
+    format!("{what} in line {line}; k {back}, FIRES and cuts on")
+}
+
+/// What a start of the program does besides *cycle start*, on a machine at rest, the plainest words first; none where
+/// it lights no cutter.
+pub(crate) fn start_fires(model: &ScreenModel) -> Vec<String> {
+    let facts = &model.facts;
+    if model.stage != ScreenStage::Setup || model.dry_run || facts.cutters.is_empty() {
+        return Vec::new();
+    }
+    let Some(contours) = &facts.contours else {
+        // Not calculated, or a stream: it is not known.
+        return vec!["cycle start, may FIRE".into(), "may FIRE".into()];
+    };
+    let mut starts = contours.starts.iter().filter(|(_, count)| **count > 0).map(|(name, _)| name);
+    match (starts.next(), starts.next()) {
+        (None, _) => Vec::new(),
+        (Some(name), None) => {
+            vec![format!("cycle start FIRES the {name}"), format!("FIRES the {name}"), "FIRES".into()]
+        }
+        _ => vec!["cycle start FIRES".into(), "FIRES".into()],
+    }
+}
+
+/// Whether a cutter senses its sheet: in a feed hold it stays where it is on its way down.
+pub(crate) fn is_sensing(model: &ScreenModel) -> bool {
+    model.cutter_states.values().any(|(state, _)| *state == CutterState::Sensing)
 }
 
 /// What a cutter does whose start goes on to its end in a feed hold: one that waits for its sheet does not.
@@ -48,15 +74,42 @@ pub(crate) const fn confirmation_text(model: &ScreenModel) -> &'static str {
     }
 }
 
-/// How many contours were cut, behind the word *completed*; empty where the program cuts none.
+/// How many contours were cut, and how often a cut was continued, behind the word *completed*; empty where the program
+/// cuts none.
 pub(crate) fn contours_text(model: &ScreenModel) -> String {
     let (contours, not_whole) = model.contours.ended();
     let plural = if contours == 1 { "" } else { "s" };
-    match not_whole {
-        _ if contours == 0 => String::new(),
-        0 => format!(", {contours} contour{plural} cut"),
-        count => format!(", {count} of {contours} contour{plural} NOT cut through"),
+    let cut = match not_whole {
+        _ if contours == 0 => return String::new(),
+        0 if contours > 1 && is_all_cut(model) => format!("all {contours} contours cut"),
+        0 => format!("{contours} contour{plural} cut"),
+        count => format!("{count} of {contours} contour{plural} NOT cut through"),
+    };
+    format!(", {cut}{}", restarts_text(model))
+}
+
+/// How often a cut was continued; empty where it was not.
+fn restarts_text(model: &ScreenModel) -> String {
+    match model.restarts {
+        0 => String::new(),
+        1 => ", 1 restart".into(),
+        count => format!(", {count} restarts"),
     }
+}
+
+/// Whether every contour of the program is known to be cut.
+fn is_all_cut(model: &ScreenModel) -> bool {
+    let planned = model.facts.contours.as_deref().map(|list| list.count);
+    model.contours.skipped().next().is_none()
+        && planned.is_some_and(|count| model.contours.ended() == (count as usize, 0))
+}
+
+/// What the report of a job says about its contours, with what the screen knows of them besides.
+pub fn reported_contours_text(model: &ScreenModel, reported: &str) -> String {
+    let (contours, _) = model.contours.ended();
+    let all =
+        if contours > 1 && is_all_cut(model) { format!(" · all {contours} contours cut") } else { reported.into() };
+    all + &restarts_text(model)
 }
 
 /// The contour that is being cut, of how many, and how much of it and of the job is cut; `?` for what is not known.

@@ -21,6 +21,8 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
             Some(words) => words.into(),
             None => return Vec::new(),
         },
+        // The key that held the jog was let go, which the distance tells.
+        EventKind::Operator(OperatorCommand::Hold) if model.is_jog_released => return Vec::new(),
         EventKind::Operator(command) => format!("operator: {}", command_text(model, command)),
         EventKind::CommandRejected(why) => format!("rejected: {why}"),
         EventKind::OutputChanged(number, value) => output_text(model, *number, *value),
@@ -29,11 +31,11 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
         EventKind::CutterOff { channel, .. } => {
             let text = event.text();
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
-            format!(
-                "{} off: {}",
-                model.facts.output_name(*channel),
-                why.replace("`recover`", "k").replace("`back to cut end`", "J")
-            )
+            // The header has what the keys do; a short line is not cut off.
+            let why = if why.contains("lost in the cut") { "E3024: lost in the cut; k recovers it" } else { why };
+            let keys = [("recover", "k"), ("back to pierce", "j"), ("skip contour", "N"), ("cut", "K")];
+            let why = keys.iter().fold(why.to_owned(), |why, (word, key)| why.replace(&format!("`{word}`"), key));
+            format!("{} off: {why}", model.facts.output_name(*channel))
         }
         // the readouts show it
         EventKind::CutterState { .. } => return Vec::new(),
@@ -58,7 +60,11 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
         EventKind::Dnc(dnc) => match dnc.step {
             DncStep::Paused { .. } => "paused: breakpoint saved".into(),
             DncStep::Jogged { axis, mm, cut_short, .. } => {
-                let short = if cut_short { ", stopped early" } else { "" };
+                let short = match (model.is_jog_released, cut_short) {
+                    (true, _) => " while its key was held",
+                    (false, true) => ", stopped early",
+                    (false, false) => "",
+                };
                 format!("{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())
             }
             DncStep::ToolLength { axis, by_mm, length_mm, .. } => {
@@ -111,6 +117,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
         OperatorCommand::Output { number, on } => format!("{} (manual)", output_text(model, *number, i32::from(*on))),
         OperatorCommand::Single => format!("single block {}", if model.single { "on" } else { "off" }),
+        OperatorCommand::Stop if model.is_at_program_end() => "release the job".into(),
         OperatorCommand::Stop => "stop the job".into(),
         OperatorCommand::BackBy(mm) => format!("back by {mm} mm"),
         OperatorCommand::BackToBlock => "back to the start of the block".into(),
@@ -137,6 +144,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Height(HeightCommand::Control(false)) => "height control off: the height is held".into(),
         OperatorCommand::FollowSpindle(true) => "the axes follow the spindle turned by hand".into(),
         OperatorCommand::FollowSpindle(false) => "the axes no longer follow the spindle".into(),
+        OperatorCommand::ToolFree => "the tool is free of the thread, which is retraced like any path".into(),
         OperatorCommand::Online => "return to on-line mode".into(),
     }
 }

@@ -168,6 +168,8 @@ impl FakeMachine {
             | UiCommand::StartShopJob { .. }
             | UiCommand::EndSeries
             | UiCommand::ResumeJob(_)
+            | UiCommand::JogHeld { .. }
+            | UiCommand::JogReleased
             | UiCommand::Quit => {}
         }
     }

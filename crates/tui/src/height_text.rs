@@ -2,9 +2,10 @@
 //!
 //! Invariant: a voltage or a height that is not known is not shown.
 
+use retrace_controller::CutterState;
 use retrace_link::{HeightState, channel};
 
-use crate::model::ScreenModel;
+use crate::model::{ScreenModel, ScreenStage};
 
 /// Height control as it is shown.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,6 +100,46 @@ impl HeightFigures {
     }
 }
 
+/// Follows where the sheet was sensed: a start lights its cutter at the pierce height over it.
+pub(crate) fn follow_sheet(model: &mut ScreenModel, before: CutterState, state: CutterState) {
+    match (before, state) {
+        (_, CutterState::Sensing) => (model.sheet_mm, model.tool_is_down) = (None, true),
+        (CutterState::Sensing, CutterState::Igniting | CutterState::Piercing | CutterState::Cutting) => {
+            model.sheet_mm = sheet_below(model);
+        }
+        _ => {}
+    }
+}
+
+/// Position of the sheet below a tool that is at the pierce height, mm of the machine. A restart may begin at another
+/// height, and which contour begins is not known yet: where the program has several pierce heights, this one is not.
+fn sheet_below(model: &ScreenModel) -> Option<f64> {
+    let axis = model.facts.layer_axis.filter(|_| model.restarting.is_none())?;
+    let mut heights =
+        model.facts.contours.as_ref()?.materials.iter().map(|of| Some(of.material.as_ref()?.pierce_height_mm));
+    let pierce_mm = heights.next()?.filter(|mm| *mm > 0.0)?;
+    heights.all(|mm| mm == Some(pierce_mm)).then(|| model.machine_mm(axis) - pierce_mm)
+}
+
+/// Height of the tool in mm over the sheet where it was sensed last; `None` where it is not known: before that, where
+/// the arc voltage moves the tool, and behind a pause.
+#[must_use]
+pub fn over_sheet_mm(model: &ScreenModel) -> Option<f64> {
+    let axis = model.facts.layer_axis?;
+    let is_counted = matches!(model.height, HeightState::Off | HeightState::Waiting);
+    model.sheet_mm.filter(|_| is_counted && model.stage == ScreenStage::Job).map(|mm| model.machine_mm(axis) - mm)
+}
+
+/// The height over the sheet of a machine that senses it, in a job, for the title of the positions.
+pub(crate) fn over_sheet_text(model: &ScreenModel) -> Option<String> {
+    let is_shown = model.facts.layer_axis.is_some() && model.stage == ScreenStage::Job;
+    is_shown.then(|| match over_sheet_mm(model) {
+        Some(mm) => format!("over sheet {:.2}", mm + 0.0),
+        None if model.height == HeightState::Active => "height by voltage".into(),
+        None => "over sheet ?".into(),
+    })
+}
+
 /// Arc voltage of the material of the contour that is cut, V, where height control aims at it.
 fn material_volts(model: &ScreenModel) -> Option<f64> {
     let (number, _) = model.contours.current()?;
@@ -109,6 +150,56 @@ fn material_volts(model: &ScreenModel) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A torch over its sheet, whose surface is at -70 mm.
+    fn over_the_sheet() -> ScreenModel {
+        let machine = retrace_config::MachineConfig::built_in().expect("valid");
+        let facts = crate::ProgramFacts::of(&machine, "part.ngc", "M2\n");
+        let mut model = ScreenModel::new(std::sync::Arc::new(crate::ProgramFacts { layer_axis: Some(2), ..facts }));
+        model.counts[2] = (-66.2 * model.facts.axes[2].pulses_per_mm).round() as i64;
+        (model.stage, model.sheet_mm) = (ScreenStage::Job, Some(-70.0));
+        model
+    }
+
+    #[test]
+    fn the_height_over_the_sheet_is_shown_only_where_it_is_known() {
+        let mut model = over_the_sheet();
+        let shown = |model: &ScreenModel| over_sheet_text(model).unwrap_or_default();
+        assert_eq!(shown(&model), "over sheet 3.80");
+        for (height, text) in [
+            (HeightState::Waiting, "over sheet 3.80"),
+            (HeightState::Active, "height by voltage"),
+            (HeightState::Held, "over sheet ?"),
+            (HeightState::AtLimit, "over sheet ?"),
+            (HeightState::Off, "over sheet 3.80"),
+        ] {
+            model.height = height;
+            assert_eq!(shown(&model), text, "{height:?}");
+        }
+        follow_sheet(&mut model, CutterState::Off, CutterState::Sensing);
+        assert_eq!(shown(&model), "over sheet ?");
+        // Without the height of its material nothing is known of what was found.
+        follow_sheet(&mut model, CutterState::Sensing, CutterState::Igniting);
+        assert_eq!(shown(&model), "over sheet ?");
+        model.stage = ScreenStage::Setup;
+        assert_eq!(over_sheet_text(&model), None);
+    }
+
+    /// A torch that was stopped at the sheet is said to be there, until it is moved.
+    #[test]
+    fn a_torch_that_is_left_at_the_sheet_is_said_to_be_down() {
+        let mut model = over_the_sheet();
+        model.end("stopped");
+        assert_eq!(model.stage, ScreenStage::Ended("stopped".into()), "it was not at the sheet");
+        model.stage = ScreenStage::Job;
+        follow_sheet(&mut model, CutterState::Off, CutterState::Sensing);
+        model.end("stopped");
+        let down = "the tool is DOWN: u, then PgUp raises it; stopped";
+        assert_eq!(model.stage, ScreenStage::Ended(down.into()));
+        model.stage = ScreenStage::Setup;
+        let reason = crate::status_line::of(&model).reason;
+        assert!(reason.starts_with("the tool is DOWN: PgUp raises it"), "{reason}");
+    }
 
     #[test]
     fn the_line_says_what_the_control_does() {

@@ -20,6 +20,8 @@ use crate::pending_question::PendingQuestion;
 use crate::prompt_answer::answer;
 use crate::shop_job_page::{self, ShopJobMark};
 use crate::ui_command::UiCommand;
+pub(crate) use jog_keys::JogStep;
+use jog_keys::{HeldKeys, JOG_STEPS};
 use turn_confirmation::TurnConfirmation;
 
 /// Dialog over the screen.
@@ -128,9 +130,6 @@ impl Frame {
     }
 }
 
-/// Jog steps, mm; the last one is a continuous jog.
-pub(crate) const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
-
 /// Rates that repeated presses of a key select, in per cent.
 const RATES: [i64; 4] = [100, 50, 25, 10];
 
@@ -170,8 +169,7 @@ pub(crate) struct KeyState {
     /// Direction, and index of the rate, that was requested last.
     last_rate: Option<(Mode, usize)>,
     last_turn: Option<(bool, u64, i32)>,
-    /// When a key of a continuous jog was pressed last, ms.
-    jogged_at_ms: Option<u64>,
+    held_keys: HeldKeys,
     /// Override that was requested last, in per cent, and when: the model may not show it yet.
     overridden: Option<(f64, u64)>,
 }
@@ -230,6 +228,7 @@ impl KeyState {
                 PendingQuestion::Mdi
                 | PendingQuestion::Probe
                 | PendingQuestion::WorkZero
+                | PendingQuestion::SheetPoint
                 | PendingQuestion::AlignSheet
                 | PendingQuestion::StartTurned
                 | PendingQuestion::Frame(_)
@@ -261,6 +260,21 @@ impl KeyState {
             Some(_) => {}
         }
         self.open = self.open(model).clone();
+        let row = keys::row_of(key, Situation::of(model)).filter(|_| self.open == OpenDialog::Nothing);
+        let ends_jog = !row.is_some_and(|row| row.action.jogs()) && self.held_keys.interrupt(now_ms);
+        let command = self.handle_key(key, row, now_ms, model);
+        // Any other key ends the jog at once, whatever it does.
+        command.or(ends_jog.then_some(UiCommand::JogReleased))
+    }
+
+    /// Handles a key; `row` is its row in the key table where no dialog is open.
+    fn handle_key(
+        &mut self,
+        key: Key,
+        row: Option<&'static keys::Row>,
+        now_ms: u64,
+        model: &ScreenModel,
+    ) -> Option<UiCommand> {
         if self.open != OpenDialog::Nothing {
             return self.key_in_box(key, now_ms, model);
         }
@@ -270,7 +284,7 @@ impl KeyState {
             let forgets = model.stage == ScreenStage::Setup && !model.sheet_points.is_empty();
             return is_refusal.then_some(UiCommand::CloseRefusal).or(forgets.then_some(UiCommand::ForgetSheet));
         }
-        let Some(row) = keys::row_of(key, Situation::of(model)) else {
+        let Some(row) = row else {
             if let Some((row, when)) = keys::row_elsewhere(key) {
                 self.show_notice(format!("{} ({}) works {}", row.shown, row.short, when.text()), now_ms);
             } else if key != Key::Enter && key != Key::Backspace {
@@ -369,8 +383,8 @@ impl KeyState {
             KeyAction::Frame if !model.sheet_points.is_empty() => return Some(UiCommand::Frame(FrameShape::Rectangle)),
             KeyAction::Outline if !model.sheet_points.is_empty() => return Some(UiCommand::Frame(FrameShape::Outline)),
             KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
-            KeyAction::SheetEdge if model.sheet_points.len() < 2 => {
-                self.awaits_edge = model.sheet_points.len() == 1;
+            KeyAction::SheetEdge if model.sheet_points.len() == 1 => {
+                self.awaits_edge = true;
                 return Some(UiCommand::SheetPoint);
             }
             KeyAction::DryRun => {
@@ -398,6 +412,7 @@ impl KeyState {
             KeyAction::Mdi => ask(PendingQuestion::Mdi, ""),
             KeyAction::Probe => ask(PendingQuestion::Probe, ""),
             KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
+            KeyAction::SheetEdge if model.sheet_points.is_empty() => ask(PendingQuestion::SheetPoint, ""),
             KeyAction::SheetEdge => ask(PendingQuestion::AlignSheet, ""),
             KeyAction::Frame => ask(PendingQuestion::Frame(FrameShape::Rectangle), ""),
             KeyAction::Outline => ask(PendingQuestion::Frame(FrameShape::Outline), ""),
@@ -432,7 +447,7 @@ impl KeyState {
                 let fit = if self.frame.fit == Fit::Program { Fit::Table } else { Fit::Program };
                 self.frame = Frame { fit, ..Frame::default() };
             }
-            KeyAction::Step => self.step = (self.step + 1) % STEPS_MM.len(),
+            KeyAction::Step => self.step = (self.step + 1) % JOG_STEPS.len(),
             KeyAction::NextAxis => self.axis = (self.axis + 1) % model.facts.axes.len().max(1),
             _ => {}
         }
@@ -512,7 +527,10 @@ impl KeyState {
         *wrong = None;
         let done = match (*ask, key) {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
-            (ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest), Key::Char('y')) => answer(ask, "", model),
+            (
+                ask @ (PendingQuestion::TestPulse | PendingQuestion::SenseTest | PendingQuestion::SheetPoint),
+                Key::Char('y'),
+            ) => answer(ask, "", model),
             // A figure is looked at more often than reset.
             (ask @ PendingQuestion::ConsumablesChanged, Key::Char('0')) => answer(ask, "", model),
             (PendingQuestion::StartTurned, Key::Char('y')) => {

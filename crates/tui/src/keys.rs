@@ -195,6 +195,13 @@ pub(crate) enum KeyAction {
     Quit,
 }
 
+impl KeyAction {
+    /// Whether it jogs an axis.
+    pub(crate) const fn jogs(self) -> bool {
+        matches!(self, Self::Jog | Self::JogDown | Self::JogUp)
+    }
+}
+
 /// Situation of the operator; selects the keys that apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Situation {
@@ -391,7 +398,7 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('[')], "[", "jog -", "jog the selected axis, negative", SETUP | PAUSED, KeyAction::JogDown),
     row(&[Key::Char(']')], "]", "jog +", "jog the selected axis, positive", SETUP | PAUSED, KeyAction::JogUp),
     row(&[Key::Tab], "Tab", "axis", "select the axis for [ and ]", SETUP | PAUSED, KeyAction::NextAxis),
-    row(&[Key::Char('t')], "t", "step", "jog step: 0.01 to 10 mm, continuous: again stops it", SETUP | PAUSED,
+    row(&[Key::Char('t')], "t", "step", "jog step: 0.01 to 10 mm; held to run, or slowly", SETUP | PAUSED,
         KeyAction::Step),
     row(&[Key::Char('u')], "u", "set up", "release the job and set up: home, jog, MDI, zero", ENDED | PROGRAM_END,
         KeyAction::SetUp),
@@ -401,11 +408,11 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('P')], "P", "probe", "probe a surface, an edge, a corner, a bore, a tool", SETUP, KeyAction::Probe),
     row(&[Key::Char('z')], "z", "zero", "set the work zero here, one axis or all; straight: no turn", SETUP,
         KeyAction::WorkZero),
-    row(&[Key::Char('E')], "E", "sheet", "a point of its edge is here: 1st, 2nd, then set zero and turn", SETUP,
+    row(&[Key::Char('E')], "E", "sheet", "edge of the sheet: two points set zero and turn; each is asked", SETUP,
         KeyAction::SheetEdge),
-    row(&[Key::Char('F')], "F", "frame", "cutters off: the rectangle around what is cut, along X and Y", SETUP,
+    row(&[Key::Char('F')], "F", "frame", "go round what is cut, cutters off: its rectangle along X and Y", SETUP,
         KeyAction::Frame),
-    row(&[Key::Char('U')], "U", "outline", "cutters off: the outline of what is cut, turned as it is", SETUP,
+    row(&[Key::Char('U')], "U", "tight frame", "go round what is cut, cutters off: its outline, as it is turned", SETUP,
         KeyAction::Outline),
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
     row(&[Key::Char('C')], "C", "contours", "the contours: what is cut of each; Enter goes there", EVER,

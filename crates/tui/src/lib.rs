@@ -66,9 +66,10 @@ mod work_tables;
 #[cfg(test)]
 mod tests;
 
+pub use cut_text::reported_contours_text;
 pub use diagnostic_text::diagnostic_lines;
-pub use frame_text::extents_mm as cut_extents_mm;
-pub use height_text::{HeightFigures, ToolHeight};
+pub use frame_text::{extents_mm as cut_extents_mm, height_axis as frame_height};
+pub use height_text::{HeightFigures, ToolHeight, over_sheet_mm};
 pub use message::Message;
 pub use model::{
     Active, AlarmShown, AxisHoming, MotionKind, Pause, Question, Redraw, Rejection, ScreenModel, ScreenStage,
@@ -88,5 +89,5 @@ pub use sheet_text::{
 pub use shop_job_table::{ShopJobRow, ShopJobTable};
 pub use tool_touch::length_touching as tool_length_touching;
 pub use trail::{Trail, TrailPoint};
-pub use ui_command::UiCommand;
+pub use ui_command::{HELD_JOG_TIMEOUT, UiCommand};
 pub use work_tables::{TableChange, WORK_SYSTEMS, WorkSystem, WorkTables};

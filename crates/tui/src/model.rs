@@ -162,6 +162,10 @@ pub struct ScreenModel {
     pub counts: Vec<i64>,
     /// Layer in the count of the tool axis, pulses.
     pub layer: i64,
+    /// Machine position of the sheet on the tool axis as it was sensed last, mm, where it is known.
+    pub sheet_mm: Option<f64>,
+    /// Whether the tool is down at the sheet for a cut: neither the end of a contour nor anything else has lifted it.
+    pub tool_is_down: bool,
     /// State of height control.
     pub height: HeightState,
     /// Readings of the analog inputs.
@@ -188,8 +192,8 @@ pub struct ScreenModel {
     pub feed_mm_min: f64,
     /// The spindle as the card measures it.
     pub spindle: SpindleStatus,
-    /// What the machine does while it is moved manually; empty where nothing was named.
-    pub manual_task: &'static str,
+    /// The manual task that is being carried out; the next one is refused until it is done.
+    pub manual_task: Option<&'static str>,
     /// Result of the last manual task, until the next one; empty where it has none.
     pub manual_result: String,
     /// Wear of the consumables of each cutter, a line for each.
@@ -254,6 +258,10 @@ pub struct ScreenModel {
     pub cut_end_line: Option<u32>,
     /// Output of the cutter that was lost in the cut, until it is started again.
     pub lost_cutter: Option<u8>,
+    /// Number of times that an interrupted cut of this job was continued.
+    pub restarts: u32,
+    /// Whether the key that held the jog was let go, which ends it: no hold by the operator.
+    pub is_jog_released: bool,
     /// Whether the machine goes back to continue an interrupted cut.
     pub recovering: bool,
     /// Instruction that a restart executes again.
@@ -316,6 +324,8 @@ impl ScreenModel {
             ended: None,
             counts: vec![0; axes],
             layer: 0,
+            sheet_mm: None,
+            tool_is_down: false,
             height: HeightState::Off,
             analog_inputs: AnalogInputs::default(),
             work_zero_mm: vec![0.0; axes],
@@ -329,7 +339,7 @@ impl ScreenModel {
             rate: 0.0,
             feed_mm_min: 0.0,
             spindle: SpindleStatus::default(),
-            manual_task: "",
+            manual_task: None,
             manual_result: String::new(),
             consumables: Vec::new(),
             shop_jobs: None,
@@ -362,6 +372,8 @@ impl ScreenModel {
             cutter_is_off: false,
             cut_end_line: None,
             lost_cutter: None,
+            restarts: 0,
+            is_jog_released: false,
             recovering: false,
             restarting: None,
             contours: ContourStates::default(),
@@ -535,10 +547,12 @@ impl ScreenModel {
         self.stage == ScreenStage::Job && self.hold_reason == HoldReason::Ended && self.mode == Mode::Run
     }
 
-    /// Ends the job; `how` says how, in words.
+    /// Ends the job; `how` says how, in words. A tool that is down stays there.
     pub fn end(&mut self, how: &str) {
         self.ended.get_or_insert(self.period);
-        (self.stage, self.pause) = (ScreenStage::Ended(how.into()), None);
+        let down = if self.tool_is_down { "the tool is DOWN: u, then PgUp raises it; " } else { "" };
+        let how = format!("{down}{how}");
+        (self.stage, self.pause) = (ScreenStage::Ended(how.clone()), None);
         self.is_stopping = false;
         self.differing_outputs.clear();
         self.add_message(self.period as f64 * self.facts.period_s, self.line, how);

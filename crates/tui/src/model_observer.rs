@@ -17,6 +17,7 @@ use retrace_journal::HoldReason;
 use retrace_link::{GearState, channel};
 
 use crate::event_text;
+use crate::height_text;
 use crate::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
 use crate::path_length::PathLengths;
 use crate::program_outputs::ProgramOutputs;
@@ -280,6 +281,7 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
     model.speed_override = f64::from(period.speed_override);
     model.override_is_off = period.override_is_off;
     model.at_cutter_boundary &= period.at_rest;
+    model.tool_is_down &= period.at_rest || model.stage != ScreenStage::Setup;
     if period.hold_reason != HoldReason::ProgramStop {
         model.tool_change = None;
     }
@@ -391,7 +393,8 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::ToolChange(tool) => model.tool_change = Some(*tool),
         EventKind::CommandRejected(_) if model.mode == Mode::Run => model.recovering = false,
         EventKind::CutterState { channel, state, contour } => {
-            model.cutter_states.insert(*channel, (*state, *contour));
+            let before = model.cutter_states.insert(*channel, (*state, *contour)).unwrap_or_default();
+            height_text::follow_sheet(model, before.0, *state);
             // Why it was off before says nothing once it is on again.
             if matches!(state, CutterState::Igniting | CutterState::Piercing | CutterState::Cutting) {
                 model.cutter_off_reasons.remove(channel);
@@ -418,6 +421,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
             model.differing_outputs.extend(list);
         }
         EventKind::OutputsRestored | EventKind::RunResumed => {
+            model.restarts += u32::from(model.cut_end_line.is_some());
             model.differing_outputs.clear();
             (model.cutter_is_off, model.cut_end_line, model.lost_cutter) = (false, None, None);
             (model.recovering, model.restarting) = (false, None);
@@ -439,10 +443,13 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::ProgramEnd => {
             model.ended.get_or_insert(event.period);
         }
+        EventKind::Contour { .. } | EventKind::ToolLifted => model.tool_is_down = false,
+        EventKind::Dnc(DncEvent { step: DncStep::Paused { .. }, .. }) => model.sheet_mm = None,
         EventKind::Underrun => model.underruns += 1,
         EventKind::Alarm(error) => {
             let (number, cause, remedy) = error.parts();
             model.alarm = Some(AlarmShown { number: number.into(), cause, remedy, is_refusal: false });
+            model.sheet_mm = None;
         }
         _ => {}
     }
@@ -456,11 +463,12 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
 fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.retraced_periods, model.held_periods) = (0, 0);
-    model.manual_result.clear();
+    (model.is_jog_released, model.manual_result) = (false, String::new());
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
     (model.cut_end_line, model.lost_cutter, model.is_stopping) = (None, None, false);
-    (model.recovering, model.restarting) = (false, None);
+    (model.recovering, model.restarting, model.restarts) = (false, None, 0);
+    (model.sheet_mm, model.tool_is_down) = (None, false);
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();
     }

@@ -31,6 +31,8 @@ pub(crate) enum PendingQuestion {
     StartContour(u32),
     /// Whether to start the program although a turn of an earlier job is in force.
     StartTurned,
+    /// Whether to take the first point on the edge of the sheet.
+    SheetPoint,
     /// Whether to set the work coordinates by the edge of the sheet.
     AlignSheet,
     /// Whether to trace a frame.

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use retrace_config::{AnalogInput, CutterConfig, EncoderConfig, MachineConfig, channel_name};
-use retrace_controller::{ContourList, PlannedPath};
+use retrace_controller::{ContourList, CutFrame, PlannedPath};
 use retrace_link::channel;
 
 use crate::placed_path::PlacedPath;
@@ -145,6 +145,8 @@ pub struct ProgramFacts {
     pub layer_axis: Option<usize>,
     /// Index of the tool axis.
     pub tool_axis: Option<usize>,
+    /// Machine position of the tool axis to which a frame goes up first, mm, where a safe height is set.
+    pub frame_height_mm: Option<f64>,
     /// Tool table.
     pub tools: Vec<ToolFacts>,
     /// Comments of the tool table, by tool number.
@@ -165,7 +167,7 @@ impl ProgramFacts {
             letter: axis.name,
             pulses_per_mm: axis.pulses_per_mm,
             travel_mm: axis.travel_mm,
-            jog_mm_s: axis.jog_mm_s(),
+            jog_mm_s: axis.jog_mm_s().min(machine.path_velocity_mm_s),
         });
         Self {
             machine: machine.name.clone(),
@@ -176,6 +178,7 @@ impl ProgramFacts {
                 .map(|of| HeightFacts { volts: of.volts_input().cloned(), is_external: of.is_external() }),
             period_s: machine.period_s(),
             tool_axis: machine.tool_axis(),
+            frame_height_mm: CutFrame::safe_height_mm(machine),
             program: Text::new(name, text),
             start_position_mm: machine.stands_at_mm.clone(),
             cutters: machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(cutter_facts).collect(),

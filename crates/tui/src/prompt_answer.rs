@@ -61,6 +61,7 @@ pub(crate) fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> R
         PendingQuestion::TestPulse => Ok(UiCommand::Task(ManualTask::TestPulse)),
         PendingQuestion::StartTurned => Ok(UiCommand::Start),
         PendingQuestion::StartContour(number) => Ok(UiCommand::StartContour(number)),
+        PendingQuestion::SheetPoint => Ok(UiCommand::SheetPoint),
         PendingQuestion::AlignSheet => Ok(UiCommand::AlignSheet),
         PendingQuestion::Frame(shape) => Ok(UiCommand::Frame(shape)),
         PendingQuestion::Program if text.is_empty() => Err("enter the path of a program file".into()),

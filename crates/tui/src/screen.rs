@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{
-    self, DisableMouseCapture, EnableMouseCapture, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseEventKind,
+    self, DisableMouseCapture, EnableMouseCapture, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers,
+    KeyboardEnhancementFlags, MouseEventKind, PopKeyboardEnhancementFlags, PushKeyboardEnhancementFlags,
 };
 use ratatui::crossterm::terminal::{BeginSynchronizedUpdate, EndSynchronizedUpdate};
 use ratatui::crossterm::{execute, queue};
@@ -52,11 +53,16 @@ impl Screen {
         let mut terminal = ratatui::try_init()?;
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
+            let _ = execute!(io::stdout(), PopKeyboardEnhancementFlags);
             let _ = execute!(io::stdout(), DisableMouseCapture);
             hook(panic);
         }));
-        // A terminal without a mouse works too.
+        // A terminal without a mouse works too, and one that does not report when a key is released (kitty's keyboard
+        // protocol does, and others ignore the sequence).
         let _ = execute!(io::stdout(), EnableMouseCapture);
+        let reports =
+            KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES | KeyboardEnhancementFlags::REPORT_EVENT_TYPES;
+        let _ = execute!(io::stdout(), PushKeyboardEnhancementFlags(reports));
         let done = self.show(&mut terminal, model, say);
         restore_terminal();
         let _ = std::panic::take_hook();
@@ -122,9 +128,11 @@ impl Screen {
     fn handle_event(&mut self, event: &Event, now_ms: u64, model: &Mutex<ScreenModel>) -> Option<UiCommand> {
         let picture = || lock_model(model).clone();
         match event {
-            Event::Key(key) if key.kind != KeyEventKind::Release => {
-                self.key_state.key(key_of(key)?, now_ms, &picture())
-            }
+            Event::Key(key) => match key.kind {
+                KeyEventKind::Press => self.key_state.key(key_of(key)?, now_ms, &picture()),
+                KeyEventKind::Repeat => self.key_state.repeat(key_of(key)?, now_ms, &picture()),
+                KeyEventKind::Release => self.key_state.release(key_of(key)?),
+            },
             Event::Mouse(mouse) => match mouse.kind {
                 MouseEventKind::ScrollUp => self.key_state.mouse_wheel(true, &picture()),
                 MouseEventKind::ScrollDown => self.key_state.mouse_wheel(false, &picture()),
@@ -137,6 +145,7 @@ impl Screen {
 
 /// Restores the terminal. Errors of a terminal that is gone are ignored.
 pub fn restore_terminal() {
+    let _ = execute!(io::stdout(), PopKeyboardEnhancementFlags);
     let _ = execute!(io::stdout(), DisableMouseCapture);
     let _ = ratatui::try_restore();
 }

@@ -10,6 +10,14 @@ use crate::placed_path::PlacedPath;
 /// Greatest deviation from the outline of the contours, mm.
 const OUTLINE_TOLERANCE_MM: f64 = 0.01;
 
+/// The question before the first point is taken.
+pub(crate) const FIRST_POINT: [&str; 4] = [
+    "Two points on the edge of the sheet set zero and direction of the job.",
+    "Is the tool over the edge, where the zero of the job is to be?",
+    "(Or the pointer, while it is on.)  Nothing moves, and nothing is set yet.",
+    "y take the 1st point here · any other key: cancel, then jog there and E again",
+];
+
 /// The turn of the work coordinates, where they have one.
 pub(crate) fn turned(model: &ScreenModel) -> Option<String> {
     let degrees = Some(model.work_rotation_deg).filter(|&degrees| degrees != 0.0)?;
@@ -20,10 +28,8 @@ pub(crate) fn turned(model: &ScreenModel) -> Option<String> {
 pub(crate) fn with_keys(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [first] => {
-            format!(
-                "1st point, the zero of the job: {}; jog along the edge, 50 mm or more, E; Esc forgets it",
-                place(first)
-            )
+            let [x, y] = first;
+            format!("1st point X{x:.1} Y{y:.1}: jog 50 mm or more along the edge, E; Esc forgets it")
         }
         [_, _, ..] => format!("{}; E asks, y sets it, Esc forgets it", of(model)),
         [] => of(model),
@@ -35,10 +41,9 @@ pub(crate) fn with_keys(model: &ScreenModel) -> String {
 pub fn of(model: &ScreenModel) -> String {
     match model.sheet_points[..] {
         [] => "jog to the zero of the job on the edge of the sheet, then take the first point".into(),
-        [first] => format!(
-            "first point at {}; jog along the edge, then take the second one; taken here again, the first is forgotten",
-            place(first)
-        ),
+        [first] => {
+            format!("first point at {}; jog 50 mm or more along the edge, then take the second one", place(first))
+        }
         [first, second, ..] => match SheetEdge::through(first, second) {
             Ok(edge) => format!(
                 "NOT SET YET: work zero to {}, turned by {:+.3}°, measured over {:.1} mm of the edge, which becomes {}",

@@ -6,7 +6,7 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
-use crate::cut_text::{confirmation_text, contours_text, interrupted_text, start_in_hold, start_text};
+use crate::cut_text::{confirmation_text, contours_text, interrupted_text, is_sensing, start_in_hold, start_text};
 use crate::event_text::tool_change_text;
 use crate::geared_status;
 use crate::keys::KeyAction;
@@ -58,8 +58,12 @@ pub(crate) fn of(model: &ScreenModel) -> StatusHint {
 
 fn setup(model: &ScreenModel) -> StatusHint {
     if !model.at_rest {
-        let what = if model.manual_task.is_empty() { "manual motion" } else { model.manual_task };
+        let what = model.manual_task.unwrap_or("manual motion");
         return hint(HintLevel::Normal, "MOVING", format!("{what}; Space stops it"), &[KeyAction::Hold]);
+    }
+    // An order is carried out without motion, or its end is being recorded: the next one is refused until then.
+    if let Some(what) = model.manual_task {
+        return hint(HintLevel::Normal, "BUSY", format!("{what}; Space stops it"), &[KeyAction::Hold]);
     }
     let rest = [
         KeyAction::Jog,
@@ -127,6 +131,7 @@ fn setup(model: &ScreenModel) -> StatusHint {
         0.0 => why,
         degrees => format!("{why}, TURNED by {degrees:+.3}° about the work zero"),
     };
+    let why = if model.tool_is_down { format!("the tool is DOWN: PgUp raises it; {why}") } else { why };
     let why = if model.manual_result.is_empty() { why } else { format!("{}; {why}", model.manual_result) };
     hint(HintLevel::Waiting, "READY", why, &actions)
 }
@@ -188,6 +193,10 @@ fn normal(model: &ScreenModel) -> StatusHint {
                     hint(HintLevel::Waiting, "FEED HOLD", text, &actions)
                 }
             }
+        }
+        HoldReason::Hold if is_sensing(model) => {
+            let text = "held on the way DOWN to the sheet: c goes on to sense it and FIRES; q stops";
+            hint(HintLevel::Waiting, "FEED HOLD", text, &held)
         }
         HoldReason::Hold => match start_in_hold(model) {
             // The start is one instruction, which ends before the hold puts the cutter out.
@@ -372,7 +381,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::BackJet,
                 KeyAction::Quit,
             ];
-            let why = if model.recovering { format!("recovering the cut, {back}") } else { back };
+            let why = if model.recovering { format!("recovering the cut, {back} from where it stood") } else { back };
             hint(HintLevel::Normal, "REVERSE", why, &actions)
         }
     }

@@ -8,8 +8,8 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    CutterOffReason, CutterState, DifferingOutput, DifferingOutputs, Event, EventKind, Observer, OperatorCommand,
-    Telemetry,
+    ContourList, CutterOffReason, CutterState, DifferingOutput, DifferingOutputs, Event, EventKind, Observer,
+    OperatorCommand, Telemetry,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Rate, RecordIndex};
@@ -17,6 +17,7 @@ use retrace_journal::HoldReason;
 use retrace_link::{CutterOffCause, GearState};
 
 mod arbitrary;
+mod jogging;
 mod setting_up;
 mod shop_jobs;
 
@@ -261,17 +262,17 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     let off = shown(&model, &KeyState::new());
     assert!(off.contains("torch off") && off.contains("other outputs off") && !off.contains("all off"), "{off}");
     (model.stage, model.program_outputs) = (ScreenStage::Job, [(64, 1)].into());
-    assert!(shown(&model, &KeyState::new()).contains("torch off · program here ON"));
+    assert!(shown(&model, &KeyState::new()).contains("torch off · program here on"));
     assert!(off.contains("x cutter off  ? all keys"), "{off}");
     model.outputs = [(64, 1), (5, 1)].into();
     let on = shown(&model, &KeyState::new());
-    assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");
+    assert!(on.contains("torch ON · program here on") && on.contains("outputs ON: clamp"), "{on}");
     assert!(!on.contains("spindle"), "{on}");
     model.cutter_states = [(64, (CutterState::Cutting, 3))].into();
-    assert!(shown(&model, &KeyState::new()).contains("torch ON · program here ON · cut"));
+    assert!(shown(&model, &KeyState::new()).contains("torch ON · program here on · cut"));
     (model.outputs, model.cutter_off_reasons) = ([(5, 1)].into(), [(64, "lost")].into());
     model.cutter_states = [(64, (CutterState::Lost, 3))].into();
-    assert!(shown(&model, &KeyState::new()).contains("torch off · program here ON · cut"));
+    assert!(shown(&model, &KeyState::new()).contains("torch off · program here on · cut"));
     let mut key_state = KeyState::new();
     for open in [
         OpenDialog::Nothing,
@@ -329,7 +330,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     event(EventKind::Operator(OperatorCommand::Recover));
     says("operator: recover the cut");
     set(Mode::Reverse, HoldReason::None, false);
-    says("recovering the cut, 0.0 mm back");
+    says("recovering the cut, 0.0 mm back from where it stood — Space feed hold");
     event(EventKind::CutFromHere { moving: true });
     event(EventKind::RunResumed);
     event(EventKind::RestartSwitching("M3"));
@@ -371,13 +372,28 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     set(Mode::Run, HoldReason::Ended, true);
     says("program completed; c RUNS IT AGAIN");
     for (number, not_cut_mm, contours) in [
-        (1, 0.0, "completed, 1 contour cut; c RUNS IT AGAIN"),
-        (2, 1.5, "completed, 1 of 2 contours NOT cut through;"),
-        (2, 0.0, "completed, 2 contours cut;"),
+        (1, 0.0, "completed, 1 contour cut, 2 restarts; c RUNS IT AGAIN"),
+        (2, 1.5, "completed, 1 of 2 contours NOT cut through, 2 restarts;"),
+        (2, 0.0, "completed, 2 contours cut, 2 restarts;"),
     ] {
         event(EventKind::Contour { number, cut_mm: 60.0 - not_cut_mm, not_cut_mm });
         says(contours);
     }
+    for (count, words) in
+        [(3, "completed, 2 contours cut, 2 restarts;"), (2, "completed, all 2 contours cut, 2 restarts;")]
+    {
+        let mut list = ContourList::default();
+        list.count = count;
+        Arc::make_mut(&mut lock_model(&model).facts).contours = Some(Arc::new(list));
+        says(words);
+    }
+    let reported = |model: &ScreenModel| crate::reported_contours_text(model, " · 2 contours cut");
+    assert_eq!(reported(&lock_model(&model)), " · all 2 contours cut, 2 restarts");
+    lock_model(&model).contours.skip(2, true);
+    assert_eq!(reported(&lock_model(&model)), " · 2 contours cut, 2 restarts");
+    // What releases the job is no stop.
+    event(EventKind::Operator(OperatorCommand::Stop));
+    says("operator: release the job");
 }
 
 #[test]

@@ -3,10 +3,15 @@
 //! Invariant: whoever receives a command decides whether it is permitted; the screen asks only where keys need it.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
-use retrace_controller::{FrameShape, ManualTask, OperatorCommand};
+use retrace_controller::{FrameShape, JogSpeed, ManualTask, OperatorCommand};
 
 use crate::work_tables::TableChange;
+
+/// Time without a sign that a jog is still held, after which it ends, at the terminal and on the page. The axis begins
+/// to brake within 200 ms of the last one: what is left of them is for the way to the card.
+pub const HELD_JOG_TIMEOUT: Duration = Duration::from_millis(160);
 
 /// Command of the operator at the screen.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +20,18 @@ pub enum UiCommand {
     Job(OperatorCommand),
     /// Manual task while no job runs. A continuous motion ends with [`OperatorCommand::Hold`].
     Task(ManualTask),
+    /// The key of a continuous jog is held down: it begins, or goes on. It ends [`crate::HELD_JOG_TIMEOUT`] after the
+    /// last one of these, and with any other command.
+    JogHeld {
+        /// Axis letter, lower case.
+        axis: char,
+        /// Whether in the positive direction.
+        up: bool,
+        /// How fast.
+        speed: JogSpeed,
+    },
+    /// The key of a continuous jog was released.
+    JogReleased,
     /// The handwheel was turned by this number of counts.
     Turn(i32),
     /// Start the program.

@@ -156,7 +156,10 @@ impl HeightJudge {
             self.lit_until_ns = sample.at_ns;
         }
         if !cuts(last) || !cuts(sample) {
-            self.end_cut();
+            // A proof that flickers ends no cut.
+            if !sample.is_lit {
+                self.end_cut();
+            }
             let is_rapid = !sample.is_lit && !last.is_lit && sample.at_ns > self.lit_until_ns + REST_NS;
             self.verdict.moved_in_rapid += u64::from(has_changed && has_moved && is_rapid);
             return;

@@ -3,7 +3,7 @@
 use retrace_tests::command::Bench;
 use retrace_tests::page_user::{PageUser, Screen};
 
-use super::{Machine, browser, in_control, serve, zigzag};
+use super::{Machine, browser, in_control, serve, zigzag, zigzag_at};
 
 /// Buttons that only a page in control has.
 const MOTION: [&str; 5] = [".motion.start", ".motion.reverse", ".motion.forward", ".motion.wheel", ".motion.stop"];
@@ -106,12 +106,12 @@ fn a_page_for_watching_only_holds() {
 fn a_reload_sends_nothing_again() {
     let Some(mut browser) = browser() else { return };
     let bench = Bench::new();
-    let server = serve(&bench, &zigzag(90), &[]);
+    let server = serve(&bench, &zigzag_at(600, 90), &[]);
     let machine = Machine::new(&server);
     let mut user = in_control(&mut browser, &server, Screen::TABLET);
     user.tap(".motion.start", "");
     user.wait_for_word("RUNNING");
-    machine.wait("30 mm", |report| report["live"]["history_mm"].as_f64() > Some(30.0));
+    machine.wait("100 mm", |report| report["live"]["history_mm"].as_f64() > Some(100.0));
     user.tap(".motion.reverse", "");
     user.wait_for_word("REVERSE");
     // At rest between forward and reverse, it has not ended.

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
 use retrace_tests::page_user::Screen;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{HOSTILE, Machine, browser, in_control, serve, zigzag};
 
@@ -43,7 +43,24 @@ fn a_held_jog_button_moves_and_stops_on_release() {
         // How fast a held jog goes, in the line for the last message: that of the jog has come by then.
         std::thread::sleep(Duration::from_millis(500));
         user.tap(".jog-steps [role=radio]", "held");
-        user.wait_for_text("#message-line", "Jog: held to run, X Y Z");
+        user.wait_for_text("#message-line", "Jog: held to run, X Y Z 3000 mm/min");
+        // Slowly, to an edge: also by `t`, the next of the choices.
+        match screen.is_touch {
+            true => user.tap(".jog-steps [role=radio]", "slow"),
+            false => user.key("t"),
+        }
+        user.wait_for_text("#message-line", "Jog: held to run, X Y Z 300 mm/min");
+        let spot = user.find(".jog-key", "Jog X positive");
+        user.press(spot.middle);
+        let feed = |report: &Value| report["live"]["feed"].as_f64().unwrap_or(f64::NAN);
+        let moving = machine.wait("the slow speed", |report| {
+            assert!(feed(report) <= 301.0, "a tenth of the jog speed: {report:#}");
+            feed(report) > 250.0
+        });
+        user.release(spot.middle);
+        let stood = machine.wait_for_rest();
+        assert!(stood["live"]["mm"][0].as_f64() > moving["live"]["mm"][0].as_f64(), "{stood:#}");
+        user.picture(&format!("jog-slow-{}", screen.width));
     }
 }
 

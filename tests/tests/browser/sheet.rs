@@ -13,7 +13,9 @@ const MACHINE: &str = "homed = true\n\
     [[axis]]\nname = \"x\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = 150\nmax_acceleration_mm_per_s2 = 1000\n\
     max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\n\
     [[axis]]\nname = \"y\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = 150\nmax_acceleration_mm_per_s2 = 1000\n\
-    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\n";
+    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\n\
+    [[axis]]\nname = \"z\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = 50\nmax_acceleration_mm_per_s2 = 1000\n\
+    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-60, 0]\n";
 
 /// One contour: 90 mm along X, then 40 mm along Y.
 const PROGRAM: &str = "G21 G90 G61 F900\nG0 X30 Y20\nM3\nG1 X120\nG1 Y60\nM5\nM2\n";
@@ -22,7 +24,8 @@ const PROGRAM: &str = "G21 G90 G61 F900\nG0 X30 Y20\nM3\nG1 X120\nG1 Y60\nM5\nM2
 const PLACED: [u8; 3] = [0xff, 0x8f, 0xc7];
 const PLANNED: [u8; 3] = [0x8d, 0x98, 0xa5];
 
-/// Moves the machine there by MDI, and takes the first point where the zero is set, the second by its key.
+/// Moves the machine there by MDI, and takes the first point where the zero is set, the second by its key; each is
+/// taken when the question is answered.
 fn take_point(user: &mut PageUser, machine: &Machine<'_>, [x, y]: [f64; 2], points: u64) {
     user.tap("#tab-mdi", "");
     user.tap(".mdi-text", "");
@@ -42,6 +45,7 @@ fn take_point(user: &mut PageUser, machine: &Machine<'_>, [x, y]: [f64; 2], poin
     } else {
         user.evaluate("document.activeElement.blur()");
         user.key("E");
+        user.tap(".dialog button", "Take the second point here");
     }
     machine.wait("the point", |report| report["state"]["sheet"]["points"].as_u64() == Some(points));
     user.tap("#tab-path", "");
@@ -154,6 +158,7 @@ fn a_frame_says_what_it_goes_round_before_anything_moves() {
         user.key("F");
         user.wait_for_text(".dialog h2", "Frame: the rectangle");
         user.wait_for_text(".dialog .cause", "X 30.000 to 120.000, Y 20.000 to 60.000 mm of the machine");
+        user.wait_for_text(".dialog .frame-height", "Stays at Z 0.000 mm of the machine: no safe height is set.");
         user.wait("getComputedStyle(document.querySelector('.frame-line')).display !== 'none'");
         assert_eq!(corners(&mut user), 4);
         user.picture(&format!("frame-{}", screen.width));

@@ -20,8 +20,15 @@ const OVERFILL: &str = "import('/page/app.js').then(({ heightChart: { history } 
 
 /// A server with the example of height control, and its journal in the bench.
 fn serve_torch(bench: &Bench) -> PageServer {
-    let example = |name: &str| root().join("examples/height-control").join(name).display().to_string();
-    let (program, machine) = (example("strips.ngc"), example("table.toml"));
+    serve_torch_at(3000, bench)
+}
+
+/// The same at this feed, mm/min: a computer under load is seconds behind the cut.
+fn serve_torch_at(feed: u32, bench: &Bench) -> PageServer {
+    let example = |name: &str| root().join("examples/height-control").join(name);
+    let program = std::fs::read_to_string(example("strips.ngc")).expect("an example");
+    let program = bench.file("strips.ngc", program.replace("F3000", &format!("F{feed}"))).display().to_string();
+    let machine = example("table.toml").display().to_string();
     let journal = bench.path("jobs").display().to_string();
     PageServer::start(&[&program, "--machine", &machine, "--journal", &journal, "--source-faults", "warp=5"])
 }
@@ -32,7 +39,7 @@ fn height_control_has_a_row_of_its_own() {
     let Some(mut browser) = browser() else { return };
     for screen in [Screen::TABLET, Screen::DESK] {
         let bench = Bench::new();
-        let server = serve_torch(&bench);
+        let server = serve_torch_at(600, &bench);
         let machine = Machine::new(&server);
         let mut user = in_control(&mut browser, &server, screen);
         user.wait_for_word("READY");
@@ -62,6 +69,12 @@ const UNKNOWN: &str = "import('/page/height_line.js').then(({ HeightLine }) => {
   return `${line.figures.textContent} | ${line.text.textContent}`;
 })";
 
+/// Whether the button of the torch is in view as a whole, in a panel that scrolls too.
+const IS_TORCH_IN_VIEW: &str = "(() => {
+  const torch = document.querySelector('#feed .output').getBoundingClientRect();
+  return torch.height >= 44 && torch.bottom <= document.querySelector('#feed').getBoundingClientRect().bottom;
+})()";
+
 /// Path, layer and sum change while the torch follows the sheet, the chart shows them, and its memory is bounded.
 #[test]
 fn the_height_is_shown_in_figures_and_in_a_chart() {
@@ -79,11 +92,12 @@ fn the_height_is_shown_in_figures_and_in_a_chart() {
         }
         user.wait_for_text(".tool-height", "layer 0.000");
         user.wait_for_text(".height-text", "off · 0.0 V");
-        assert_eq!(user.evaluate(UNKNOWN), "Z path –layer –sum – mm | off · – V");
+        assert_eq!(user.evaluate(UNKNOWN), "Z path –layer –sum – mmover sheet – | off · – V");
         let is_shown = "findByEye('#height-chart canvas', '') !== null";
         assert_eq!(user.evaluate(is_shown), false, "it is closed at first");
         user.tap(".height-opener", "");
         user.wait(is_shown);
+        assert_eq!(user.evaluate(IS_TORCH_IN_VIEW), true, "the torch is in view beside the chart");
         user.picture(&format!("height-chart-{}-empty", screen.width));
         no_fault(&mut user, "the chart");
         user.tap(".motion.start", "");

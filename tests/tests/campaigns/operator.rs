@@ -102,11 +102,15 @@ fn a_single_block_stops_at_its_end() {
 }
 
 /// A possible next command of the operator, with its time.
-fn operator_commands() -> impl Strategy<Value = String> {
+pub(crate) fn timed(command: impl Strategy<Value = String>, longest_s: f64) -> impl Strategy<Value = String> {
     let when = prop_oneof![
         (0_u32..1500).prop_map(|periods| format!("after {periods} periods")),
-        (0.0..2.0_f64).prop_map(|seconds| format!("after {seconds:.3}s")),
+        (0.0..longest_s).prop_map(|seconds| format!("after {seconds:.3}s")),
     ];
+    (when, command).prop_map(|(when, command)| format!("{when} {command}"))
+}
+
+fn operator_commands() -> impl Strategy<Value = String> {
     let deed = prop_oneof![
         3 => Just("hold".to_owned()),
         3 => Just("resume".to_owned()),
@@ -120,7 +124,7 @@ fn operator_commands() -> impl Strategy<Value = String> {
         1 => Just("output 1 on".to_owned()),
         1 => Just("single".to_owned()),
     ];
-    (when, deed).prop_map(|(when, deed)| format!("{when} {deed}"))
+    timed(deed, 2.0)
 }
 
 /// Corners, arcs, blends, a dwell and switching, within some seconds.

@@ -290,6 +290,38 @@ fn a_program_learns_what_an_analog_input_shows_at_rest_and_a_resumed_job_knows_i
     let _ = card.end();
 }
 
+/// An input whose reading is lost on the way to the wait, as where a module is silent, is waited for at rest: a program
+/// never learns a reading of before.
+#[test]
+fn a_program_waits_for_a_reading_that_is_lost() {
+    let bench = Bench::new();
+    bench.file("m.toml", INPUT);
+    bench.file("part.ngc", "G21 G90 F900\nG1 X15\nM66 E1 L0\nG1 Y#5399\nM2\n");
+    let machine = bench.path("m.toml").display().to_string();
+    let mut card = ServedCard::with(&["--machine", &machine]);
+    card.operate("analog 1 80");
+    let arguments = ["run", "part.ngc", "--machine", "m.toml", "--card", &card.port, "--json"];
+    let mut child = bench.start(&arguments, Stdio::null(), "told.txt");
+    let told = || fs::read_to_string(bench.path("told.txt")).unwrap_or_default();
+    let begun = Instant::now();
+    let wait_for = |kind: &str, line: i64| {
+        while !events(&told(), kind).iter().any(|event| event["line"] == line) {
+            assert!(begun.elapsed() < Duration::from_secs(30), "line {line}: {}", told());
+            thread::sleep(Duration::from_millis(5));
+        }
+    };
+    wait_for("started", 0);
+    card.operate("analog 1 none");
+    wait_for("switching", 3);
+    pause(Duration::from_millis(500));
+    assert!(!told().contains("\"event\":\"report\"") && events(&told(), "switched").is_empty(), "{}", told());
+    card.operate("analog 1 12.5");
+    assert_eq!(child.wait().expect("it ends").code(), Some(0), "{}", told());
+    let counts = card.identify(&bench)["counts"].clone();
+    assert_eq!((&counts[0], &counts[1]), (&15_000.into(), &12_500.into()));
+    let _ = card.end();
+}
+
 /// Where a program reads with the torch on, the torch stands for the time of a report, and never for longer than the
 /// card lets one burn at rest; it is not put out for it.
 #[test]

@@ -317,7 +317,7 @@ fn at_the_screen_a_contour_of_the_list_is_cut_after_the_end() {
     terminal.wait_until("the machine at rest behind", |text| text.contains("K cut"));
     terminal.keys("K");
     terminal.wait_for_text("contour 1 of");
-    let end = terminal.wait_for_text("completed, 3 contours cut");
+    let end = terminal.wait_for_text("completed, all 3 contours cut");
     assert!(end.contains("ENDED"), "{end}");
     terminal.keys("q");
     assert_eq!(terminal.wait_for_end(), Some(0));

@@ -10,22 +10,19 @@ use retrace_tests::cut_judge::judge_heights;
 use retrace_tests::limits::audit;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
-use retrace_tests::sensing_torch::{SENSE, SHEET, TOOL_PULSES, machine};
+use retrace_tests::sensing_torch::{ARC_VOLTAGE, MATERIALS, SENSE, SHEET, TOOL_PULSES, machine};
 use retrace_tests::served::{ServedCard, cut_to_end, resume_to_end, waits_for_recovery};
 use serde_json::json;
 
-const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
-    pierce_height_mm = 3.8\npierce_delay_s = 0.2\ncut_height_mm = 1.5\nfeed_mm_per_min = 3000\nvolts = 115\n";
 /// How far the sheet rises from X0 to X500, in mm.
 const RISE: f64 = 5.0;
 /// Height of a cut, in mm.
 const HEIGHT: f64 = 1.5;
-const ANALOG: &str = "[[card.analog_input]]\nnumber = 1\nname = \"arc voltage\"\nunit = \"V\"\nat_full = 256\n";
 
 pub(crate) fn bench(height: &str, program: &str) -> Bench {
     let bench = Bench::new();
     let cutter = machine(&format!("{SENSE} }}\nheight = {{ volts = 1, {height}"));
-    for (name, text) in [("part.ngc", program), ("m.toml", &(cutter + ANALOG)), ("materials.toml", MATERIALS)] {
+    for (name, text) in [("part.ngc", program), ("m.toml", &(cutter + ARC_VOLTAGE)), ("materials.toml", MATERIALS)] {
         bench.file(name, text);
     }
     bench
@@ -227,7 +224,7 @@ fn a_board_without_height_control_refuses_the_machine() {
         ("volts = 1", "pico", ""),
     ] {
         let bench = Bench::new();
-        let text = machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ANALOG;
+        let text = machine(&format!("{SENSE} }}\nheight = {{ {height}")) + ARC_VOLTAGE;
         let text = text.replace("[7]", "[0]").replace("number = 13", "number = 1").replace("input = 5", "input = 2");
         let number = height.strip_prefix("volts = ").unwrap_or("1");
         bench.file("m.toml", text.replace("number = 1\nname", &format!("number = {number}\nname")));

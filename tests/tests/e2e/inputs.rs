@@ -20,6 +20,16 @@ fn messages(text: &str) -> Vec<String> {
     events(text, "message").iter().map(|event| event["text"].as_str().unwrap_or_default().to_owned()).collect()
 }
 
+/// Waits until a job whose output goes to this file has begun so many waits for an input, and is well within the last.
+fn wait_until_it_waits(bench: &Bench, file: &str, times: usize) {
+    let (begun, told) = (Instant::now(), || fs::read_to_string(bench.path(file)).unwrap_or_default());
+    while told().matches("\"event\":\"switching\"").count() < times {
+        assert!(begun.elapsed() < Duration::from_secs(30), "wait {times} did not come: {}", told());
+        thread::sleep(Duration::from_millis(5));
+    }
+    thread::sleep(Duration::from_millis(200));
+}
+
 /// The contact of a probe is an input like any other; it is closed below −5 mm.
 #[test]
 fn levels_edges_and_time_end_a_wait() {
@@ -87,30 +97,56 @@ fn a_wait_ends_with_the_input_and_goes_on_in_a_resumed_job() {
     );
     let machine = bench.path("m.toml").display().to_string();
     let mut card = ServedCard::with(&["--machine", &machine]);
-    let wait_for = |file: &str, what: &str, times: usize| {
-        let begun = Instant::now();
-        while fs::read_to_string(bench.path(file)).unwrap_or_default().matches(what).count() < times {
-            assert!(begun.elapsed() < Duration::from_secs(30), "{what} {times} did not come");
-            thread::sleep(Duration::from_millis(5));
-        }
-        thread::sleep(Duration::from_millis(200));
-    };
     let arguments = ["run", "part.ngc", "--machine", "m.toml", "--card", &card.port, "--json", "--journal", "jobs"];
     let mut child = bench.start(&arguments, Stdio::null(), "first.txt");
-    wait_for("first.txt", "\"event\":\"switching\"", 1);
+    wait_until_it_waits(&bench, "first.txt", 1);
     card.operate("input 5 on");
-    wait_for("first.txt", "\"event\":\"switching\"", 2);
+    wait_until_it_waits(&bench, "first.txt", 2);
     child.kill().expect("it is killed");
     child.wait().expect("it ends");
     let told = fs::read_to_string(bench.path("first.txt")).expect("its output");
     assert_eq!(messages(&told), ["first 1.000000"], "{told}");
     let mut child = bench.start(&["resume", "--journal", "jobs", "--yes", "--json"], Stdio::null(), "second.txt");
-    wait_for("second.txt", "\"event\":\"switching\"", 1);
+    wait_until_it_waits(&bench, "second.txt", 1);
     let told = fs::read_to_string(bench.path("second.txt")).expect("its output");
     assert!(messages(&told).is_empty(), "it waits: {told}");
     card.operate("input 5 off");
     assert_eq!(child.wait().expect("it ends").code(), Some(0));
     let told = fs::read_to_string(bench.path("second.txt")).expect("its output");
     assert_eq!(messages(&told), ["second 0.000000"], "{told}");
+    assert_eq!(card.identify(&bench)["counts"][0], 4000);
+}
+
+/// The host is killed after the card has executed a wait and before its answer is in the journal: the input is read
+/// again.
+#[test]
+fn a_wait_whose_answer_is_lost_is_asked_again() {
+    let bench = Bench::new();
+    bench.file("m.toml", "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 5\nuse = \"plain\"\n");
+    bench.file(
+        "part.ngc",
+        "G21 G90 F600\nG1 X2\nM66 P5 L0\n(print,first #5399)\nM66 P5 L1 Q60\n(print,second #5399)\nG1 X4\nM2\n",
+    );
+    let machine = bench.path("m.toml").display().to_string();
+    let mut card = ServedCard::with(&["--machine", &machine]);
+    let arguments = ["run", "part.ngc", "--machine", "m.toml", "--card", &card.port, "--json", "--journal", "jobs"];
+    let mut child = bench.start(&arguments, Stdio::null(), "first.txt");
+    wait_until_it_waits(&bench, "first.txt", 2);
+    child.kill().expect("it is killed");
+    child.wait().expect("it ends");
+    let job = fs::read_dir(bench.path("jobs")).expect("a folder").next().expect("a job").expect("readable").path();
+    let journal = fs::read_to_string(job.join("journal")).expect("a journal");
+    let (kept, _) = journal.split_once("{\"answer\":").expect("an answer");
+    let whole_lines = &kept[..=kept.rfind('\n').expect("lines")];
+    fs::write(job.join("journal"), whole_lines).expect("written");
+    card.operate("input 5 on");
+    let mut child = bench.start(&["resume", "--journal", "jobs", "--yes", "--json"], Stdio::null(), "second.txt");
+    wait_until_it_waits(&bench, "second.txt", 2);
+    card.operate("input 5 off");
+    thread::sleep(Duration::from_millis(200));
+    card.operate("input 5 on");
+    assert_eq!(child.wait().expect("it ends").code(), Some(0));
+    let told = fs::read_to_string(bench.path("second.txt")).expect("its output");
+    assert_eq!(messages(&told), ["first 1.000000", "second 1.000000"], "{told}");
     assert_eq!(card.identify(&bench)["counts"][0], 4000);
 }

@@ -38,6 +38,7 @@ fn moves(trace: &[Sample], [from, to]: [f64; 2]) -> usize {
 
 /// The sheet rises so that the torch follows it all the time. Where the first contour was cut, it does not at the
 /// crossing; where an arc was lost before and the rest skipped, it does; and where the rest was cut later, it does not.
+/// It is still from one kerf before the crossing on, and begins to come to rest there no earlier than that takes.
 #[test]
 fn the_kerfs_are_those_that_were_cut() {
     let skipped = "at 7s skip contour\n";
@@ -45,9 +46,9 @@ fn the_kerfs_are_those_that_were_cut() {
     for (faults, script, is_kerf) in [("", "", true), ("lose@10,", skipped, false), ("lose@10,", recovered, true)] {
         let bench = bench(HEIGHT, PROGRAM);
         let (_, trace) = run(&bench, &format!("{faults}warp=40"), script);
-        let (over, beside) = (moves(&trace, [-1.4, 1.4]), moves(&trace, [-25.0, -15.0]));
+        let (over, beside) = (moves(&trace, [-2.8, 2.8]), moves(&trace, [-11.0, -8.5]));
 
-        assert!(beside > 5, "{faults}: {beside}");
+        assert!(beside > 20, "{faults}: {beside}");
         assert_eq!(over == 0, is_kerf, "{faults}: {over}");
     }
 }

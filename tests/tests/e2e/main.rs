@@ -16,6 +16,7 @@ mod contours;
 mod cut_resume;
 mod cutter;
 mod dnc;
+mod earlier_threads;
 mod error_catalogue;
 mod feed_override;
 mod feed_per_turn;
@@ -23,11 +24,13 @@ mod frame;
 mod hand;
 mod height_control;
 mod heights;
+mod held_jog;
 mod ignored_ok;
 mod inputs;
 mod jets;
 mod jumps;
 mod kerfs;
+mod linuxcnc_programs;
 mod markers;
 #[cfg(unix)]
 mod materials;
@@ -64,6 +67,7 @@ mod shop_screen;
 #[cfg(unix)]
 mod sparkplug;
 mod speed_override;
+mod spindle_ready;
 #[cfg(unix)]
 mod start_points;
 #[cfg(unix)]

@@ -46,7 +46,7 @@ fn what_is_set_at_the_screen_is_there_after_quitting() {
         terminal.wait_for_text("READY");
         for (keys, shown) in keys {
             terminal.keys(keys);
-            terminal.wait_for_text(shown);
+            terminal.wait_for_state("READY", shown);
         }
         terminal.keys("q");
         terminal.wait_for_end();
@@ -55,7 +55,7 @@ fn what_is_set_at_the_screen_is_there_after_quitting() {
         ("mG0 X5 Y2\r", "Y       2.000       2.000"),
         ("z\r", "X       5.000       0.000"),
         ("mG92 Z-3\r", "Z       0.000      -3.000"),
-        ("mT4 M6 G10 L1 P4 Z12.5\r", "T4"),
+        ("mT4 M6 G10 L1 P4 Z12.5\r", "coolant off · T4"),
     ]);
     // The next screen begins with it, and so does a run without one, which reports the file.
     screen(&[("mG0 X1\r", "X       6.000       1.000")]);
@@ -128,7 +128,7 @@ fn a_tool_that_was_changed_by_hand_is_the_jobs_tool_when_it_is_resumed() {
     let mut terminal = Terminal::with(&arguments, 100, 30, &[("XDG_STATE_HOME", &state)]);
     terminal.wait_for_text("READY");
     terminal.keys("mT2 M6 G10 L1 P2 Z7\r");
-    terminal.wait_for_text("T2");
+    terminal.wait_for_state("READY", "coolant off · T2");
     terminal.keys("c");
     terminal.wait_for_text("RUNNING");
     terminal.wait_until("block 4", |text| text.contains("> 4 ") || text.contains(">  4 ") || text.contains(">4 "));

@@ -149,6 +149,46 @@ fn what_cannot_be_probed_is_refused_before_anything_moves() {
     }
 }
 
+/// Nothing moves while its input says that the probe is unplugged, and a move is stopped in which it is pulled out:
+/// nothing was measured, and the resumed job asks again.
+#[test]
+fn a_probe_that_is_unplugged_does_not_probe() {
+    let connected = "[[card.input]]\nnumber = 5\nuse = \"plain\"\n[probe]\nconnected_input = 5\n";
+    let machine = format!("[card]\nwatchdog_ms = 2000\n{PROBE}{connected}");
+    let bench = bench(&machine, "G21 G90 F300\nG38.2 Z-10 F120\n(print,touch #5063)\nG0 Z2\nM2\n");
+    // The simulated probe is plugged in.
+    let plain = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--work", PLANE, "--json"]);
+    assert_eq!((plain.code, messages(&plain)), (Some(0), vec!["touch -5.432000".to_owned()]), "{}", plain.err);
+    let file = bench.path("m.toml").display().to_string();
+    let mut card = ServedCard::with(&["--machine", &file, "--work", PLANE]);
+    card.operate("input 5 off");
+    thread::sleep(Duration::from_millis(100));
+    let port = card.port.clone();
+    let run = ["run", "part.ngc", "--card", &port, "--machine", "m.toml", "--json"];
+    let refused = bench.retrace(run);
+    assert_eq!(refused.code, Some(3), "{}{}", refused.out, refused.err);
+    assert_eq!(events(&refused, "alarm")[0]["number"], "E3038", "{}", refused.out);
+    assert!(refused.out.contains("\"position_counts\":{\"x\":0,\"y\":0,\"z\":0}"), "{}", refused.out);
+    card.operate("input 5 on");
+    thread::sleep(Duration::from_millis(100));
+    let mut host = bench.start(&run, Stdio::null(), "run.txt");
+    let told = || fs::read_to_string(bench.path("run.txt")).unwrap_or_default();
+    while !told().contains("\"switching\"") {
+        assert!(host.try_wait().expect("a process").is_none(), "{}", told());
+        thread::sleep(Duration::from_millis(5));
+    }
+    thread::sleep(Duration::from_millis(700));
+    card.operate("input 5 off");
+    assert_eq!(host.wait().expect("it ends").code(), Some(3), "{}", told());
+    assert!(told().contains("E3038") && !told().contains("\"probed\""), "{}", told());
+    card.operate("input 5 on");
+    thread::sleep(Duration::from_millis(100));
+    let resumed = bench.retrace(["resume", "--yes", "--card", &port, "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+    assert_eq!(messages(&resumed), ["touch -5.432000"], "{}", resumed.out);
+    let _ = card.end();
+}
+
 #[test]
 fn a_probe_that_trips_in_another_move_stops_the_machine() {
     let bench = bench(PROBE, "G21 G90 F300\nG0 Z-8\nM2\n");

@@ -336,20 +336,17 @@ fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     let mut terminal = at(80, 24, &program, &["--machine", &machine]);
     terminal.wait_for_text("READY");
     terminal.keys(RIGHT);
-    terminal.wait_for_text("X       1.000       1.000");
+    terminal.wait_for_state("READY", "X       1.000       1.000");
     terminal.keys("t");
     terminal.wait_for_text("jog step 10 mm");
     terminal.keys("\x1b[A");
-    terminal.wait_for_text("Y      10.000      10.000");
+    terminal.wait_for_state("READY", "Y      10.000      10.000");
     terminal.keys("mG0 X5 Y2\r");
-    // The position is shown a moment before the block is complete, and keys for the next one are taken only then.
-    terminal.wait_until("the end of the block", |text| {
-        text.starts_with(" READY") && text.contains("Y       2.000       2.000")
-    });
+    terminal.wait_for_state("READY", "Y       2.000       2.000");
     terminal.keys("mG0 X9999\r");
-    terminal.wait_for_text("E4304");
+    terminal.wait_for_state("READY", "E4304");
     terminal.keys("z\r");
-    terminal.wait_for_text("X       5.000       0.000");
+    terminal.wait_for_state("READY", "X       5.000       0.000");
     terminal.keys("d");
     terminal.wait_for_text("DRY RUN: the cutter stays off");
     terminal.keys("c");
@@ -423,8 +420,7 @@ fn a_program_beyond_the_limits_is_checked_again_when_the_work_zero_moves() {
     terminal.keys("a");
     terminal.wait_for_text("NOT READY");
     terminal.keys("mG0 X-10\r");
-    terminal.wait_for_text("X     -10.000     -10.000");
-    terminal.wait_for_text("NOT READY");
+    terminal.wait_for_state("NOT READY", "X     -10.000     -10.000");
     terminal.keys("z\r");
     terminal.wait_for_text("far.ngc is ready");
     // It was checked only: what it would do there takes too long.
@@ -456,7 +452,7 @@ fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released()
     terminal.keys("r");
     terminal.wait_for_text("works while");
     terminal.keys(RIGHT);
-    terminal.wait_for_text("X      31.000");
+    terminal.wait_for_state("READY", "X      31.000");
     terminal.keys("q");
     assert_eq!(terminal.wait_for_end(), Some(0));
 }
@@ -553,17 +549,17 @@ fn the_cutter_is_switched_off_by_a_key_and_started_again_when_that_is_agreed_to(
     terminal.keys("oclamp+\r");
     terminal.wait_for_text("outputs ON: clamp");
     terminal.keys("c");
-    terminal.wait_for_text("jet ON · program here ON");
+    terminal.wait_for_text("jet ON · program here on");
     until_block(&terminal, 6);
     terminal.keys("x");
-    terminal.wait_for_text("jet off · program here ON");
+    terminal.wait_for_text("jet off · program here on");
     // `k` would go back to the end of the kerf; `c` continues where the machine came to rest
     terminal.wait_for_text("CUT INTERRUPTED");
     terminal.keys("c");
     let differ = terminal.wait_for_text("OUTPUTS DIFFER");
     assert!(differ.contains("jet") && differ.contains("y: switch"), "{differ}");
     terminal.keys("y");
-    terminal.wait_for_text("jet ON · program here ON");
+    terminal.wait_for_text("jet ON · program here on");
     terminal.wait_for_text("RUNNING");
     ends(&mut terminal, "completed", 0);
 }

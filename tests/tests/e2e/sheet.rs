@@ -99,8 +99,11 @@ fn the_pointer_takes_points_along_y() {
     move_to(&mut page, "mdi G53 G0 X30 Y20", [30.0, 20.0]);
     assert_eq!(page.order_when_free("sheet point")["t"], "done");
     page.wait_until("one point", |page| points(page) == 1);
-    // Here again it is taken back.
-    assert_eq!(page.order_when_free("sheet point")["t"], "done");
+    // Here again it is no second point, and the first one stays until it is forgotten.
+    page.order_when_free("sheet point");
+    page.wait_until("the refusal", |page| page.last("log").to_string().contains("0.0 mm apart"));
+    assert_eq!(points(&page), 1);
+    assert_eq!(page.order_when_free("sheet forget")["t"], "done");
     page.wait_until("no points", |page| points(page) == 0);
     let refused = page.order_when_free("sheet align");
     page.wait_until("the refusal", |page| page.last("log").to_string().contains("needs two points"));
@@ -120,7 +123,7 @@ fn the_pointer_takes_points_along_y() {
     move_to(&mut page, "mdi G0 Y100", [40.0, 116.0]);
 }
 
-/// The same at the screen, by its own words: E, jog, E, y. Nothing is started or traced in between.
+/// The same at the screen, by its own words: E, y, jog, E, y. Nothing is started or traced in between.
 #[test]
 fn the_screen_leads_through_it() {
     let bench = Bench::new();
@@ -131,9 +134,14 @@ fn the_screen_leads_through_it() {
     let terminal = Terminal::with(&arguments, 120, 30, &[("XDG_STATE_HOME", &state)]);
     terminal.wait_for_text("READY");
     terminal.keys("E");
-    terminal.wait_for_text("1st point, the zero of the job: X0.000 Y0.000");
-    let text = terminal.wait_for_text("jog along the edge, 50 mm or more, E; Esc forgets it");
+    terminal.wait_for_text("y take the 1st point here");
+    terminal.keys("y");
+    let text = terminal.wait_for_text("1st point X0.0 Y0.0: jog 50 mm or more along the edge, E; Esc forgets it");
     assert!(text.contains("SHEET EDGE") && text.contains("E sheet"), "{text}");
+    // Pressed again before the tool has moved, the key takes no second point, and the first one stays.
+    terminal.keys("E");
+    terminal.wait_for_text("E2163: the points of the edge are 0.0 mm apart");
+    terminal.wait_for_state("SHEET EDGE", "1st point X0.0 Y0.0");
     for key in ["c", "F"] {
         terminal.keys(key);
         terminal.wait_for_text("points on the edge of the sheet are taken and not set");
@@ -141,8 +149,7 @@ fn the_screen_leads_through_it() {
         std::thread::sleep(std::time::Duration::from_millis(4500));
     }
     terminal.keys("mG53 G0 X80 Y-2\r");
-    terminal.wait_for_text("80.000");
-    std::thread::sleep(std::time::Duration::from_millis(1500));
+    terminal.wait_for_state("SHEET EDGE", "X      80.000");
     terminal.keys("E");
     terminal.wait_for_text("NOT SET YET: work zero to X0.000 Y0.000 of the machine, turned by -1.432°, measured over");
     terminal.wait_for_text("· as it will lie");

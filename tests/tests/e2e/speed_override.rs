@@ -118,6 +118,21 @@ fn a_thread_is_cut_at_the_programmed_speed() {
     assert_eq!(speeds(&trace, 8), [1300.0]);
 }
 
+/// With `thread_override = "limited"` it acts in the thread, up to the speed it is planned for: the path is the same.
+#[test]
+fn a_thread_is_cut_at_the_overridden_speed_up_to_its_plan() {
+    let machine = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\nthread_override = \"limited\"\n";
+    let program = "G21 G90\nS1000 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nG0 Z5\nG4 P0.5\nG1 X9 F600\nM5\nM2\n";
+    let script = "at 0s speed override 130%\nat 1.2s speed override 70%\n";
+    let (run, trace) = run_with_pins(machine, program, script, &[]);
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    assert_eq!(speeds(&trace, 4), [1250.0, 700.0]);
+    assert_eq!(speeds(&trace, 8), [700.0]);
+    assert_eq!(run.report["limit_violations"], 0, "{}", run.report);
+    let counts = trace.last().expect("a sample").counts;
+    assert_eq!(counts, [9_000, 0, 5_000]);
+}
+
 /// A stop, and a program that ends in an alarm, switch the spindle off; no override switches anything behind it.
 #[test]
 fn a_stop_and_an_alarm_switch_the_spindle_off() {

@@ -10,12 +10,13 @@ use retrace_tests::pins;
 use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
-const HELD: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\nthread_hold = \"spindle\"\nreverse_rpm = 300\n";
+pub(crate) const HELD: &str =
+    "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\nthread_hold = \"spindle\"\nreverse_rpm = 300\n";
 const TAPS: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\ntap_retrace = true\n";
-const THREAD: &str = "G21 G90\nS1000 M3\nG0 X2 Z5\nG33 Z-20 K1.5\nG0 X4\nG0 Z5\nM5\nM2\n";
+pub(crate) const THREAD: &str = "G21 G90\nS1000 M3\nG0 X2 Z5\nG33 Z-20 K1.5\nG0 X4\nG0 Z5\nM5\nM2\n";
 const TAP: &str = "G21 G90\nS600 M3\nG0 X20 Z3\nG33.1 Z-12 K1\nG0 X40\nM5\nM2\n";
 
-fn run(machine: &str, program: &str, script: &str) -> (Bench, CommandOutput) {
+pub(crate) fn run(machine: &str, program: &str, script: &str) -> (Bench, CommandOutput) {
     let bench = Bench::new();
     bench.file("m.toml", machine);
     bench.file("part.ngc", program);
@@ -24,22 +25,22 @@ fn run(machine: &str, program: &str, script: &str) -> (Bench, CommandOutput) {
     (bench, result)
 }
 
-fn events(out: &str) -> impl Iterator<Item = Value> {
+pub(crate) fn events(out: &str) -> impl Iterator<Item = Value> {
     out.lines().filter_map(|line| serde_json::from_str(line).ok())
 }
 
-fn report(out: &str) -> Value {
+pub(crate) fn report(out: &str) -> Value {
     events(out).last().unwrap_or_default()
 }
 
 /// Place of the machine where these operator's words were taken: record and time in ms.
-fn taken_at(out: &str, words: &str) -> Vec<(u64, u64)> {
+pub(crate) fn taken_at(out: &str, words: &str) -> Vec<(u64, u64)> {
     let taken = events(out).filter(|event| event["event"] == "operator" && event["command"] == words);
     taken.map(|event| (event["record"].as_u64().unwrap_or(0), event["period"].as_u64().unwrap_or(0))).collect()
 }
 
 /// The job went to its end as without the operator: same counts, within the limits, without a pause for records.
-fn assert_exact(out: &CommandOutput, end: [i64; 3]) {
+pub(crate) fn assert_exact(out: &CommandOutput, end: [i64; 3]) {
     assert_eq!(out.code, Some(0), "{}{}", out.out, out.err);
     let report = report(&out.out);
     let counts = ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or(i64::MIN));
@@ -83,6 +84,108 @@ fn a_thread_is_reversed_and_cut_again() {
     // 300 turns a minute are less than a third of the speed forward: 5 turns take a second.
     let took = start["period"].as_u64().expect("a period") - 800;
     assert!((1_000..4_000).contains(&took), "{took}");
+}
+
+/// A thread that was cut to its end is a barrier to reverse run. Reversed again there, its spindle turns backward, and
+/// the tool goes back along the very helix; forward run cuts the same thread again, and the job goes on exactly.
+#[test]
+fn a_thread_that_was_cut_to_its_end_is_reversed_at_the_word() {
+    let program = THREAD.replace("M5\n", "G4 P1\nM5\nG4 P2\nG0 Z6\n");
+    let barrier = |out: &str| {
+        let event = events(out).find(|event| event["event"] == "retrace_barrier").expect("a barrier");
+        (event["record"].as_u64(), event["code"].clone())
+    };
+    for (script, at_start) in [
+        ("at 1.8s reverse 100%\nafter 1s reverse 100%\nafter 6s forward 100%\n", 1),
+        // The spindle is off there, held while it is being reversed, and turned round in the thread.
+        (
+            "at 4s reverse 100%\nafter 2.5s reverse 50%\nafter 0.1s hold\nafter 2s reverse 100%\nafter 2s hold\n\
+          after 1s forward 100%\nafter 0.5s reverse 100%\nafter 6s leave\n",
+            1,
+        ),
+        ("at 1.8s reverse 100%\nafter 1s reverse 100%\nafter 2s forward 100%\nafter 0.1s hold\nafter 1s leave\n", 0),
+    ] {
+        let (_bench, result) = run(HELD, &program, script);
+        assert_exact(&result, [4_000, 0, 6_000]);
+        assert_eq!(barrier(&result.out), (Some(1105), "G33".into()));
+        let starts = events(&result.out).filter(|event| event["event"] == "history_start_reached").count();
+        assert_eq!(starts, at_start, "{}", result.out);
+        assert!(!result.out.contains("E30") && !result.out.contains("rejected"), "{}", result.out);
+    }
+    // One word goes to the barrier only, and so do a distance and the handwheel; behind it the job goes on.
+    for script in
+        ["at 1.8s reverse 100%\nafter 6s leave\n", "at 1.8s back 100 mm\nafter 6s wheel -100 for 2s\nafter 1s leave\n"]
+    {
+        let (_bench, result) = run(HELD, &program, script);
+        assert_exact(&result, [4_000, 0, 6_000]);
+        assert_eq!(taken_at(&result.out, "leave")[0].0, 1105, "{}", result.out);
+    }
+    // Passed again it is a barrier again.
+    let again = "at 1.8s reverse 100%\nafter 1s reverse 100%\nafter 6s forward 100%\nafter 4s reverse 100%\n\
+                 after 4s leave\n";
+    let (_bench, result) = run(HELD, &program, again);
+    assert_exact(&result, [4_000, 0, 6_000]);
+    assert_eq!(taken_at(&result.out, "leave")[0].0, 1105, "{}", result.out);
+    // Neither where the spindle has one direction, nor where a thread is not held.
+    let script = "at 1.8s reverse 100%\nafter 1s reverse 100%\nafter 2s leave\n";
+    for machine in [format!("{HELD}reversible = false\n"), HELD.replace("\"spindle\"\n", "\"finish\"\n")] {
+        let (_bench, result) = run(&machine, &program, script);
+        assert_exact(&result, [4_000, 0, 6_000]);
+        assert_eq!(taken_at(&result.out, "leave")[0].0, 1105, "{}", result.out);
+        assert_eq!(result.out.contains("reversible = false"), machine.contains("false"), "{}", result.out);
+    }
+    // Left inside of it the job is not resumed on another card; in front of it the thread is cut again.
+    for (after, is_resumed) in [("2s", false), ("6s", true)] {
+        let script = format!("at 1.8s reverse 100%\nafter 1s reverse 100%\nafter {after} stop\n");
+        let (bench, result) = run(HELD, &program, &script);
+        assert_eq!(result.code, Some(4), "{}{}", result.out, result.err);
+        let resumed = bench.retrace(["resume", "--yes", "--json"]);
+        if is_resumed {
+            assert_exact(&resumed, [4_000, 0, 6_000]);
+        } else {
+            assert!(resumed.code != Some(0) && resumed.err.contains("E2219"), "{}{}", resumed.out, resumed.err);
+        }
+    }
+}
+
+/// Where the spindle rests and the operator says that the tool is free, a thread is retraced by rate: back from where
+/// it is held, to be cut again from its beginning, and both ways where it was cut.
+#[test]
+fn a_thread_whose_tool_is_free_is_retraced_by_rate() {
+    let program = THREAD.replace("M5\n", "G4 P1\nM5\nG4 P2\nG0 Z6\n");
+    let words = "after 0.2s forward 100%\nafter 0.1s leave\nafter 0.1s cycle start\n";
+    let script = format!("at 0.8s hold\nafter 2s tool free\n{words}after 0.1s reverse 200%\nafter 4s forward 100%\n");
+    let (_bench, result) = run(HELD, &program, &script);
+    assert_exact(&result, [4_000, 0, 6_000]);
+    let refused = events(&result.out).filter(|event| event["event"] == "command_rejected").count();
+    assert_eq!(refused, 3, "{}", result.out);
+    let starts = events(&result.out).filter(|event| event["event"] == "history_start_reached").count();
+    assert_eq!(starts, 1, "{}", result.out);
+    // Behind a thread that was cut: by rate to its middle, forward to its end, and on.
+    let script = "at 4s reverse 100%\nafter 2.5s tool free\nafter 0.1s reverse 100%\nafter 0.5s forward 100%\n";
+    let (_bench, result) = run(HELD, &program, script);
+    assert_exact(&result, [4_000, 0, 6_000]);
+    let turned = taken_at(&result.out, "forward 100%")[0].0;
+    assert!((550..650).contains(&turned), "half a second by rate: {turned}");
+    assert!(!result.out.contains("E30") && !result.out.contains("rejected"), "{}", result.out);
+    // With the spindle on, while it moves, and elsewhere, the word is refused.
+    for script in [
+        "at 0.8s tool free\n",
+        "at 0.8s hold\nafter 0.05s tool free\nafter 2s resume\n",
+        "at 1.8s reverse 100%\nafter 1s tool free\nafter 0.1s leave\n",
+        "at 1.8s hold\nafter 1s tool free\nafter 0.1s resume\n",
+    ] {
+        let (_bench, result) = run(HELD, &program, script);
+        assert_exact(&result, [4_000, 0, 6_000]);
+        let refused = events(&result.out).filter(|event| event["event"] == "command_rejected").count();
+        assert_eq!(refused, 1, "{script}: {}", result.out);
+    }
+    // At the barrier the spindle is switched off by hand.
+    let script = "at 1.8s reverse 100%\nafter 1s output 64 off\nafter 2s tool free\nafter 0.1s reverse 100%\n\
+                  after 0.3s reverse 50%\nafter 4s leave\n";
+    let (_bench, result) = run(HELD, &program, script);
+    assert_exact(&result, [4_000, 0, 6_000]);
+    assert!(!result.out.contains("rejected"), "{}", result.out);
 }
 
 /// What would move the tool in a thread without the spindle is refused, and an override of 0 does not stop it.

@@ -207,38 +207,109 @@ fn report(out: &str) -> Value {
     serde_json::from_str(out.lines().last().unwrap_or_default()).unwrap_or_else(|error| panic!("{error}: {out}"))
 }
 
-/// The host is killed in a thread: the card switches the spindle off, the axes follow it to rest on the path, and the
-/// job is not resumed inside.
+/// The host is killed in a thread: the card switches the spindle off, the axes follow it to rest on the path, and stay
+/// there whatever asks the card. Resumed, the spindle turns again, and the same pass goes on in its groove to the end.
 #[test]
-fn a_job_that_was_killed_in_a_thread_is_not_resumed_in_it() {
-    let bench = Bench::new();
-    let machine = bench.file("m.toml", ENCODER).display().to_string();
-    bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n");
-    let vcd = bench.path("card.vcd");
-    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string()]);
-    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
-    let mut child = bench.start(&run, Stdio::null(), "killed.txt");
-    let begun = Instant::now();
-    while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("G33\"") {
-        assert!(begun.elapsed() < Duration::from_secs(50), "the thread begins");
-        sleep(Duration::from_millis(2));
+fn a_job_that_was_killed_in_a_thread_goes_on_in_it() {
+    for spindle in [ENCODER.to_owned(), format!("{ENCODER}thread_hold = \"spindle\"\n")] {
+        let killed = KilledInThread::new(&spindle);
+        let identified = killed.card.identify(&killed.bench);
+        assert_eq!(identified["counts"][2].as_i64(), Some(killed.z), "it has not moved");
+        let cleared = killed.bench.retrace(["card", "clear", &killed.card.port, "--machine", "m.toml"]);
+        assert_eq!(cleared.code, Some(0), "{}{}", cleared.out, cleared.err);
+        let resumed = killed.bench.retrace(["resume", "--yes", "--json"]);
+        assert_eq!(resumed.code, Some(0), "{}{}", resumed.out, resumed.err);
+        let report = report(&resumed.out);
+        assert_eq!(report["position_counts"], serde_json::json!({"x": 4_000, "y": 0, "z": -60_000}), "{}", resumed.out);
+        assert_eq!(report["limit_violations"], 0, "{}", resumed.out);
+        let (z, samples) = (killed.z, killed.end());
+        let stopped =
+            samples.iter().position(|sample| sample.at_rest && sample.counts[2] == z).expect("it rests there");
+        let (cut, rest) = samples.split_at(stopped);
+        assert!(cut.iter().any(|sample| sample.is_on("spindle")) && !samples.last().expect("a trace").is_on("spindle"));
+        let goes_on = rest.iter().position(|sample| sample.counts[2] != z).expect("it goes on");
+        assert!(rest[..goes_on].iter().any(|sample| !sample.is_on("spindle")), "it was off");
+        assert!(rest[goes_on].is_on("spindle"), "what moves the tool is the spindle");
+        // on the helix, to a count of the encoder
+        let mut deepest = z;
+        for sample in rest[goes_on..].iter().take_while(|sample| sample.counts[2] > -60_000) {
+            deepest = deepest.min(sample.counts[2]);
+            assert!(sample.counts[2] <= deepest + 4 && sample.counts[0] == 2000, "{sample:?}");
+        }
     }
-    pause(Duration::from_millis(1500));
-    child.kill().expect("it is killed");
-    child.wait().expect("it ends");
-    // the watchdog, and a spindle that coasts
-    pause(Duration::from_millis(1500));
-    let place = card.identify(&bench);
-    let z = place["counts"][2].as_i64().unwrap_or_else(|| panic!("{place}"));
-    assert!((-58_000..0).contains(&z), "inside the thread: {z}");
-    let resumed = bench.retrace(["resume", "--yes", "--json"]);
-    assert!(resumed.code != Some(0) && resumed.err.contains("E2219"), "{}{}", resumed.out, resumed.err);
-    assert_eq!(card.identify(&bench)["counts"][2].as_i64(), Some(z), "nothing has moved");
-    let _ = card.end();
-    let samples = pins::samples(&vcd);
-    let last = samples.last().expect("a trace");
-    assert!(!last.is_on("spindle"), "{last:?}");
-    assert!(samples.iter().any(|sample| sample.is_on("spindle")));
+}
+
+/// What has changed since is refused before anything moves: a spindle that was turned by hand does not take the tool
+/// along, and is not switched on; a card that was switched off has lost the thread.
+#[test]
+fn a_thread_that_is_not_as_it_was_left_is_not_resumed() {
+    let changes =
+        [("spindle turn 0.4", "E3035"), ("spindle turn -1.5", "E3035"), ("jog", "E2219"), ("power off", "E2213")];
+    for (event, number) in changes {
+        let mut killed = KilledInThread::new(ENCODER);
+        if event == "jog" {
+            let cleared = killed.bench.retrace(["card", "clear", &killed.card.port, "--machine", "m.toml"]);
+            assert_eq!(cleared.code, Some(0), "{}{}", cleared.out, cleared.err);
+            let jog = ["jog", "z", "1", "--card", &killed.card.port, "--machine", "m.toml"];
+            let jogged = killed.bench.retrace(jog);
+            assert_eq!(jogged.code, Some(0), "{}{}", jogged.out, jogged.err);
+        } else {
+            killed.card.operate(event);
+            pause(Duration::from_millis(1200));
+        }
+        if event == "power off" {
+            killed.card.operate("power on");
+            pause(Duration::from_millis(500));
+        }
+        let before = killed.card.identify(&killed.bench)["counts"].clone();
+        let resumed = killed.bench.retrace(["resume", "--yes", "--json"]);
+        let told = format!("{}{}", resumed.out, resumed.err);
+        assert!(resumed.code != Some(0) && told.contains(number), "{event}: {told}");
+        assert_eq!(killed.card.identify(&killed.bench)["counts"], before, "{event}: nothing has moved");
+        let samples = killed.end();
+        let on = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");
+        let moved = samples.windows(2).rposition(|pair| pair[0].counts != pair[1].counts).expect("it moved");
+        assert!(on < moved, "{event}: the spindle was not switched on again");
+    }
+}
+
+/// A served card on which the host of a thread of 60 mm was killed in it; at rest.
+struct KilledInThread {
+    bench: Bench,
+    card: ServedCard,
+    z: i64,
+}
+
+impl KilledInThread {
+    fn new(spindle: &str) -> Self {
+        let bench = Bench::new();
+        let machine = bench.file("m.toml", spindle).display().to_string();
+        bench.file("part.ngc", "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n");
+        let vcd = bench.path("card.vcd").display().to_string();
+        let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd]);
+        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+        let mut child = bench.start(&run, Stdio::null(), "killed.txt");
+        let begun = Instant::now();
+        while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("G33\"") {
+            assert!(begun.elapsed() < Duration::from_secs(50), "the thread begins");
+            sleep(Duration::from_millis(2));
+        }
+        pause(Duration::from_millis(1500));
+        child.kill().expect("it is killed");
+        child.wait().expect("it ends");
+        // the watchdog, and a spindle that coasts
+        pause(Duration::from_millis(1500));
+        let place = card.identify(&bench);
+        let z = place["counts"][2].as_i64().unwrap_or_else(|| panic!("{place}"));
+        assert!((-58_000..0).contains(&z), "inside the thread: {z}");
+        Self { bench, card, z }
+    }
+
+    /// Ends the card: what was at its pins.
+    fn end(self) -> Vec<pins::Sample> {
+        let _ = self.card.end();
+        pins::samples(&self.bench.path("card.vcd"))
+    }
 }
 
 /// Whatever ends a thread early: the spindle is off, the machine is at rest inside of the thread, and nothing moves it

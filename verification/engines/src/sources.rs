@@ -12,8 +12,10 @@ const CRATES: [(&str, &[&str]); 3] = [
     ("retrace_link", &["crates/link/src/", "crates/core/src/"]),
     ("retrace_card", &["crates/card/src/", "crates/link/src/", "crates/core/src/"]),
 ];
+/// What runs every row. It names all crates, of which a row uses its own.
+const ENGINE: &str = "verification/engines/src/cbmc.rs";
 /// What every row is built with.
-const SHARED: [&str; 8] = [
+const SHARED: [&str; 7] = [
     "verification/cbmc/environment.c",
     "verification/src/choice.rs",
     "verification/src/harness.rs",
@@ -21,7 +23,6 @@ const SHARED: [&str; 8] = [
     "verification/src/lib.rs",
     "verification/src/native.rs",
     "verification/src/region.rs",
-    "verification/engines/src/cbmc.rs",
 ];
 /// The thread models; which files of the crates they include is written in them.
 const MODELS: [&str; 3] = ["verification/loom/", "verification/shuttle/", "verification/concurrent/"];
@@ -64,6 +65,7 @@ fn files(tree: &Tree, row: &Row) -> BTreeSet<String> {
         CRATES.iter().filter(|(name, ..)| uses(name)).flat_map(|(.., with)| with.iter().copied()).collect();
     found.extend(included);
     found.extend(used.into_iter().flat_map(under));
+    found.insert(ENGINE.to_owned());
     found
 }
 
@@ -92,8 +94,9 @@ mod tests {
     use super::*;
     use crate::rows::tests::sample;
 
-    const TREE: [(&str, &str); 5] = [
+    const TREE: [(&str, &str); 6] = [
         ("verification/src/ring.rs", "use retrace_link::crc;\n"),
+        (ENGINE, "const CRATES: [&str; 3] = [\"retrace_core\", \"retrace_link\", \"retrace_card\"];\n"),
         ("crates/core/src/a.rs", "fn a() {}\n"),
         ("crates/link/src/b.rs", "fn b() {}\n"),
         ("crates/card/src/c.rs", "fn c() {}\n"),
@@ -113,6 +116,7 @@ mod tests {
         assert_ne!(now, with(("crates/core/src/a.rs", "fn a() { b() }\n"), &row), "through the link crate");
         assert_ne!(now, with(("verification/src/ring.rs", "use retrace_link::crc as c;\n"), &row));
         assert_ne!(now, with(("verification/src/choice.rs", "x"), &row));
+        assert_ne!(now, with((ENGINE, "fn run() {}\n"), &row));
         assert_eq!(now, with(("crates/core/src/a.rs", "// prose\n  fn a() {}\n"), &row));
         assert_eq!(now, with(("crates/card/src/c.rs", "fn d() {}\n"), &row));
     }
@@ -122,7 +126,7 @@ mod tests {
         let row = sample();
         let model =
             ("verification/loom/src/lib.rs", "#[path = \"../../../crates/journal/src/queue.rs\"]\nmod queue;\n");
-        let tree = |queue| Tree::of(&[&TREE[..4], &[model, ("crates/journal/src/queue.rs", queue)]].concat());
+        let tree = |queue| Tree::of(&[&TREE[..5], &[model, ("crates/journal/src/queue.rs", queue)]].concat());
         assert_ne!(hash(&tree("fn q() {}"), &row), hash(&tree("fn r() {}"), &row));
     }
 }

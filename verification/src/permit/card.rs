@@ -158,7 +158,7 @@ impl Observer {
             Some(BeamPower { channel: TORCH, least: FeedShare::NONE, exponent: LINEAR_POWER });
         let (probe_speed, latch_speed) = (3 << 16, 1 << 15);
         settings.layer = Some(LayerSettings { contacts: FLOAT, probe_speed, latch_speed, ..LayerSettings::default() });
-        settings.start.keeps_layer = epoch.is_multiple_of(3);
+        settings.start.keeps_state = epoch.is_multiple_of(3);
         let position = self.position();
         if self.card.open(&settings).is_ok() {
             (self.epoch, self.closed, self.inhibit, self.silent) = (epoch, false, settings.cutting.inhibit, 0);

@@ -4,6 +4,7 @@
 //! which lists what it did not run.
 
 mod build;
+mod computer_watch;
 mod diagnostics;
 mod elf;
 mod emulator;

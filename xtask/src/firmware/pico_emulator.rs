@@ -1,7 +1,12 @@
 //! A Pico in rp2040js, with its line at a pseudo-terminal.
 //!
+//! The emulated card is slower than a card, and its host is in real time: it repeats what is not acknowledged as often
+//! as with a fast card. What the card cannot take is lost on this line, frame by frame. If it waited, the
+//! acknowledgements of reports would wait behind it, until the card could not store its reports any more.
+//!
 //! Invariant: the emulator ends with the value that started it; every wait is bounded.
 
+use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -24,6 +29,8 @@ const GET_RP2040JS: &str = "npm install --prefix target/emulator rp2040js@1.4.1 
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Largest number of bytes on their way to the card.
 const UNDER_WAY: usize = 256;
+/// Largest number of bytes that wait until the card takes them: a few milliseconds of a line of 1 Mbaud.
+const WAITING: usize = 512;
 
 /// Unique number of the emulated flash.
 const FLASH_NUMBER: &str = "e4629c1207534b2d";
@@ -250,8 +257,8 @@ fn bridge(
     events: &Sender<EventState>,
     over: &AtomicBool,
 ) {
-    let mut bytes = [0; UNDER_WAY];
-    let mut room = UNDER_WAY;
+    let mut bytes = [0; 4096];
+    let (mut room, mut frames) = (UNDER_WAY, FrameQueue::default());
     while !over.load(Relaxed) {
         for message in from_card.try_iter() {
             match message {
@@ -264,15 +271,41 @@ fn bridge(
                 }
             }
         }
-        if room == 0 {
-            std::thread::sleep(Duration::from_micros(200));
-            continue;
-        }
-        let Ok(count) = pty.read(&mut bytes[..room], Duration::from_millis(1)) else { break };
-        room -= count;
-        if count > 0 && input.write_all(&bytes[..count]).and_then(|()| input.flush()).is_err() {
+        let Ok(count) = pty.read(&mut bytes, Duration::from_millis(1)) else { break };
+        frames.push(&bytes[..count]);
+        let taken = frames.take(room);
+        room -= taken.len();
+        if !taken.is_empty() && input.write_all(&taken).and_then(|()| input.flush()).is_err() {
             break;
         }
+    }
+}
+
+/// Frames that wait for the card. Each ends with a zero byte.
+///
+/// Invariant: at most [`WAITING`] bytes wait, and a frame that does not fit is lost whole.
+#[derive(Default)]
+struct FrameQueue {
+    waiting: VecDeque<u8>,
+    /// The frame whose end has not arrived yet.
+    begun: Vec<u8>,
+}
+
+impl FrameQueue {
+    fn push(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.begun.push(byte);
+            if byte == 0 {
+                if self.waiting.len() + self.begun.len() <= WAITING {
+                    self.waiting.extend(&self.begun);
+                }
+                self.begun.clear();
+            }
+        }
+    }
+
+    fn take(&mut self, room: usize) -> Vec<u8> {
+        self.waiting.drain(..room.min(self.waiting.len())).collect()
     }
 }
 
@@ -287,5 +320,21 @@ mod tests {
         assert!(matches!(read_message(&mut stream), Ok(Message::Received(260))));
         assert!(matches!(read_message(&mut stream), Ok(Message::Event(EventState::Over))));
         assert!(read_message(&mut stream).is_err());
+    }
+
+    #[test]
+    fn a_line_that_is_full_loses_whole_frames_and_none_before() {
+        let frame = |number: u8| [[number; 99].as_slice(), &[0]].concat();
+        let mut queue = FrameQueue::default();
+        for number in 1..=7 {
+            // a frame arrives in two parts
+            let (head, tail) = (&frame(number)[..40], &frame(number)[40..]);
+            queue.push(head);
+            queue.push(tail);
+        }
+        let first: Vec<u8> = (1..=5).flat_map(frame).collect();
+        assert_eq!([queue.take(250), queue.take(250), queue.take(250)].concat(), first);
+        queue.push(&frame(8));
+        assert_eq!(queue.take(1000), frame(8), "there is room again");
     }
 }

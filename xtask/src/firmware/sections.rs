@@ -18,10 +18,11 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    /// For every STM32F4: it fits the smallest of them.
-    const STM32F4: Self = Self { flash: 64 * 1024, ram: 48 * 1024, stack: 10 * 1024 };
-    /// The code of a Pico is in RAM, too; so is that of a Pico 2, which has more of it.
-    const PICO: Self = Self { flash: 256 * 1024, ram: 208 * 1024, stack: 16 * 1024 };
+    /// For every STM32F4: half of the flash of the smallest of them, an F401 with 128 KiB, and its 64 KiB of RAM. The
+    /// deepest place of the stack is where the card is created, before the main loop.
+    const STM32F4: Self = Self { flash: 64 * 1024, ram: 64 * 1024, stack: 21 * 1024 };
+    /// The code of a Pico is in its 264 KiB of RAM, too; so is that of a Pico 2, which has more of it.
+    const PICO: Self = Self { flash: 256 * 1024, ram: 224 * 1024, stack: 24 * 1024 };
 
     pub(super) const fn of(board: Board) -> Self {
         if matches!(board, Board::Pico | Board::Pico2) { Self::PICO } else { Self::STM32F4 }

@@ -6,7 +6,7 @@
 use retrace_core::drive::{CursorStep, RecordWindow};
 use retrace_core::limits::PulseLimits;
 use retrace_core::{Flags, Place, Rate, RateTarget, Record, RecordIndex};
-use retrace_link::{Alarm, CommandRefusal, OutputChange, SpindleStatus, channel};
+use retrace_link::{Alarm, ArmedStretch, CardSettings, CommandRefusal, OutputChange, SpindleStatus, channel};
 
 use super::Player;
 use crate::played_window::PlayedWindow;
@@ -18,6 +18,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     pub(crate) fn read_spindle(&mut self, reading: &EncoderReading) -> Option<Alarm> {
         let followed = self.followed.first_mut()?;
         let alarm = followed.monitor.read(reading, self.outputs.values());
+        let alarm = alarm.or(followed.gear.alarm_of_freed(&followed.monitor));
         if alarm.is_some() {
             followed.gear.lose_angle();
         }
@@ -34,14 +35,23 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             speed: monitor.speed(),
             gear: gear.state(),
             largest_lag: gear.largest_lag(),
+            armed_again: gear.armed_again(),
         })
+    }
+
+    /// Begins an epoch for the gear: a stretch is kept where the path begins at the place of the cursor.
+    pub(super) fn open_gear(&mut self, settings: &CardSettings<A>) {
+        let keeps = settings.start.keeps_state && settings.start.place == self.status.place;
+        for SpindleFollower { monitor, gear } in &mut self.followed {
+            let is_same_spindle = monitor.configure(settings.spindle, settings.period_us);
+            gear.open(keeps && is_same_spindle);
+        }
     }
 
     /// Handles an alarm: switches the spindle off that the motion follows.
     pub(super) fn halt_gear(&mut self) {
         let Some(followed) = self.followed.first_mut() else { return };
-        followed.gear.halt();
-        if followed.gear.is_engaged() {
+        if followed.gear.halt() {
             self.outputs.set(OutputChange { channel: channel::SPINDLE, value: 0 });
         }
     }
@@ -52,6 +62,26 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             return Err(CommandRefusal::Unsupported);
         };
         gear.follow_by_hand(on, monitor)
+    }
+
+    /// Takes the gear off the stretch whose tool is free.
+    pub(super) fn free_tool(&mut self) -> Result<(), CommandRefusal> {
+        let at = self.status.place;
+        match self.followed.first_mut() {
+            Some(SpindleFollower { monitor, gear }) if self.drive.at_rest() => gear.free_tool(at, monitor),
+            Some(_) => Err(CommandRefusal::InMotion),
+            None => Err(CommandRefusal::Unsupported),
+        }
+    }
+
+    /// Arms a stretch again that the path comes back to.
+    pub(super) fn arm_stretch(&mut self, armed: &ArmedStretch) -> Result<(), CommandRefusal> {
+        if self.switching.is_busy() || armed.is_passed && !self.drive.at_rest() {
+            return Err(CommandRefusal::InMotion);
+        }
+        let places = ([self.status.place, self.stopping_place()], self.window.high());
+        let followed = self.followed.first_mut().ok_or(CommandRefusal::Unsupported)?;
+        followed.gear.arm_again(armed, places, &followed.monitor)
     }
 
     /// Runs a control period of the gear, if a stretch has the cursor. `request`: sign of the requested rate.

@@ -23,7 +23,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
         let axis = settings.layer.map_or(0, |layer| usize::from(layer.axis));
         let limits = settings.limits.axes().get(axis).copied().unwrap_or_default();
-        if let Some((axis, layer)) = self.layer.configure(settings.layer, &limits, most, settings.start.keeps_layer)
+        if let Some((axis, layer)) = self.layer.configure(settings.layer, &limits, most, settings.start.keeps_state)
             && let Some(count) = self.status.counts.get_mut(usize::from(axis))
         {
             *count += i64::from(layer);

@@ -161,7 +161,7 @@ impl Host {
             rests,
             reached: result.reached,
             executed: result.executed,
-            keeps_layer: false,
+            keeps_state: false,
         };
         self.card.open(&CardSettings { start, ..settings(self.epoch, 0) }).expect("it stands");
         let now = *self.card.status();
@@ -230,7 +230,7 @@ fn a_start_that_contradicts_itself_is_refused() {
     let mut card = opened(7);
     let before = *card.status();
     let inside = Place { record: RecordIndex::new(7), fraction: 1 };
-    let good = PathStart { place: inside, rests: false, reached: RecordIndex::new(8), executed: 5, keeps_layer: false };
+    let good = PathStart { place: inside, rests: false, reached: RecordIndex::new(8), executed: 5, keeps_state: false };
     let bad = [
         PathStart { reached: RecordIndex::new(7), ..good },
         PathStart { reached: RecordIndex::new(8u32.wrapping_sub(1 << 31)), ..good },

@@ -522,17 +522,17 @@ fn the_ohmic_contact_counts_and_the_float_switch_behind_its_attempts() {
 /// A layer that is not kept becomes part of the counts; nothing moves.
 #[test]
 fn an_epoch_keeps_the_layer_or_adds_it_to_the_counts() {
-    for keeps_layer in [true, false] {
+    for keeps_state in [true, false] {
         let mut table = Table::new(None);
         table.instruct(1, None, LayerMove::To { layer: -321 });
         table.send(HostCommand::rate(Rate::ONE));
         table.until_executed(1);
         while !table.period().at_rest {}
-        let start = PathStart { keeps_layer, ..PathStart::at(RecordIndex::new(7)) };
+        let start = PathStart { keeps_state, ..PathStart::at(RecordIndex::new(7)) };
         let counts = table.status().counts;
         table.card.open(&CardSettings { start, ..layer_settings(2) }).expect("at rest");
         let status = table.period();
-        let expected = if keeps_layer { (counts[Z], -321) } else { (counts[Z] - 321, 0) };
+        let expected = if keeps_state { (counts[Z], -321) } else { (counts[Z] - 321, 0) };
         assert_eq!((status.counts[Z], status.layer), expected);
         assert_eq!(table.position, -321);
     }

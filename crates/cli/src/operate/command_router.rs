@@ -87,9 +87,13 @@ impl CommandRouter {
 
     /// Ends routing to the job. A task that is sent while its end is still being reported is the next one.
     pub(super) fn end_job(&self) {
-        let mut route = self.route();
-        route.job = None;
-        route.done = route.received;
+        {
+            let mut route = self.route();
+            route.job = None;
+            route.done = route.received;
+        }
+        // Only now: a machine that is shown as ready takes the next order.
+        lock_model(&self.model).manual_task = None;
     }
 
     /// Ends routing to a piece of a series, whose start has not ended: no other program begins before the next piece.
@@ -219,7 +223,7 @@ const fn is_program_start(command: &UiCommand) -> bool {
 mod tests {
     use super::*;
     use retrace_config::MachineConfig;
-    use retrace_controller::ManualTask;
+    use retrace_controller::{JogSpeed, ManualTask};
     use retrace_tui::ProgramFacts;
 
     fn router() -> (Arc<CommandRouter>, Receiver<UiCommand>) {
@@ -231,7 +235,7 @@ mod tests {
     #[test]
     fn a_hold_cancels_the_starts_before_it_and_none_behind_it() {
         let (router, commands) = router();
-        let jog = || UiCommand::Task(ManualTask::JogOn { axis: 'x', up: true });
+        let jog = || UiCommand::Task(ManualTask::JogOn { axis: 'x', up: true, speed: JogSpeed::Full });
         assert!(router.route_command(jog()) && router.route_command(UiCommand::Start));
         assert!(router.route_command(UiCommand::Job(OperatorCommand::Hold)));
         assert!(router.route_command(UiCommand::Start));

@@ -197,8 +197,15 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
                     self.machine.inhibits_outputs = on;
                     lock_model(&self.router.model).dry_run = on;
                 }
-                // Commands to a job that has just ended, or an answer to its question.
-                Ok(UiCommand::Job(_) | UiCommand::Turn(_) | UiCommand::Answer(_) | UiCommand::EndSeries) => {}
+                // Commands to a job that has just ended, or an answer to its question; keys of a jog come as its task.
+                Ok(
+                    UiCommand::Job(_)
+                    | UiCommand::Turn(_)
+                    | UiCommand::Answer(_)
+                    | UiCommand::EndSeries
+                    | UiCommand::JogHeld { .. }
+                    | UiCommand::JogReleased,
+                ) => {}
                 Ok(UiCommand::ResumeJob(job)) => {
                     self.args.page.session.request_resume(job);
                     return self.exit_state();
@@ -328,7 +335,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
             }
             Ok(ManualTaskDone::Completed { cut_short: true }) => self.add_message("stopped at the soft limit"),
             Ok(ManualTaskDone::Completed { .. }) => self.report_done(task),
-            Ok(ManualTaskDone::Stopped) => self.add_message("stopped"),
+            Ok(ManualTaskDone::Stopped) => self.report_stopped(),
             Err(ManualTaskError::Numbered(refusal)) => self.reject(refusal),
             Err(ManualTaskError::Block(lines)) => {
                 let lines: Vec<String> = lines.iter().flat_map(|text| diagnostic_lines(text)).collect();
@@ -528,7 +535,7 @@ impl<'m, 'c, const A: usize> MachineThread<'m, 'c, A> {
         self.has_completed = code == 0;
         // A resumed job brings its own setting.
         self.optional_stop = lock_model(&self.router.model).optional_stop;
-        lock_model(&self.router.model).end(&result.short);
+        self.show_end(&result.short);
     }
 
     /// Resumes an interrupted job at its breakpoint.

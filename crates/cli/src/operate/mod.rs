@@ -9,6 +9,7 @@
 //! no longer responds, the machine is held.
 
 mod command_router;
+mod held_jog;
 mod machine_thread;
 mod manual_observer;
 mod page;
@@ -39,6 +40,7 @@ use crate::resume_summary::ConfirmResume;
 use crate::state_socket::StateSocket;
 
 use command_router::CommandRouter;
+use held_jog::HeldJog;
 use machine_thread::MachineThread;
 use signals::Signals;
 
@@ -174,6 +176,9 @@ pub fn operate<const A: usize>(
         let machine = scope.spawn(|| machine_thread.work());
         while !machine.is_finished() {
             thread::sleep(POLL_INTERVAL);
+            if let Some(screen) = &screen {
+                screen.held_jog.end_if_overdue(Instant::now(), &router);
+            }
             if signals.have_arrived() || screen.as_mut().is_some_and(ScreenThread::is_gone) {
                 router.stop_and_quit();
             } else if screen.as_mut().is_some_and(ScreenThread::is_stuck)
@@ -207,15 +212,29 @@ struct ScreenThread {
     /// Time of the last redraw that was seen, and the number of redraws then.
     drawn: (Instant, u64),
     held: bool,
+    /// The jog that a key of the terminal holds.
+    held_jog: Arc<HeldJog>,
 }
 
 impl ScreenThread {
     fn begin(model: &Arc<Mutex<ScreenModel>>, router: &Arc<CommandRouter>) -> Self {
         let (picture, router) = (Arc::clone(model), Arc::clone(router));
+        let held_jog = Arc::new(HeldJog::default());
+        let holder = Arc::clone(&held_jog);
         let thread = thread::spawn(move || {
             Screen::default().run(&picture, |command| {
+                if let UiCommand::JogHeld { axis, up, speed } = command {
+                    return holder.keep((axis, up, speed), Instant::now(), &router);
+                }
+                match command {
+                    UiCommand::Job(OperatorCommand::Hold) => holder.forget(),
+                    _ => holder.end(&router),
+                }
+                if command == UiCommand::JogReleased {
+                    return;
+                }
                 // A jog key that is held down repeats itself.
-                let is_repeated = matches!(command, UiCommand::Task(ManualTask::Jog { .. } | ManualTask::JogOn { .. }));
+                let is_repeated = matches!(command, UiCommand::Task(ManualTask::Jog { .. }));
                 if !router.route_command(command) && !is_repeated {
                     let mut model = lock_model(&picture);
                     let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
@@ -227,7 +246,7 @@ impl ScreenThread {
                 }
             })
         });
-        Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
+        Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false, held_jog }
     }
 
     /// Whether the screen was closed, for any reason, or its terminal is gone.

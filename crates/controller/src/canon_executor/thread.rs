@@ -162,13 +162,16 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        if self.machine.encoder.is_none() || !std::mem::take(&mut self.awaits_speed) || self.spindle_turns != Some(true)
-        {
+        let (encoder, ready) = (self.machine.encoder, self.machine.spindle.ready);
+        let is_watched = encoder.is_some() || ready.is_some();
+        if !is_watched || !std::mem::take(&mut self.awaits_speed) || self.spindle_turns != Some(true) {
             return Ok(());
         }
         self.rpm_reached = self.rpm;
-        let spindle = Some(SpindleTask::AtSpeed);
-        Ok(sink.exclusive(SwitchInstruction { line, code: "S", spindle, ..SwitchInstruction::default() })?)
+        let spindle = encoder.map(|_| SpindleTask::AtSpeed);
+        let (periods, until) = ready.map_or((0, None), |ready| (ready.periods, ready.until));
+        let wait = SwitchInstruction { line, code: "S", spindle, periods, until, ..SwitchInstruction::default() };
+        Ok(sink.exclusive(wait)?)
     }
 
     /// Notes a start of the spindle's own output, or a change of its speed.

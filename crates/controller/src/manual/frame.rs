@@ -71,6 +71,15 @@ impl CutFrame {
         Ok(Self { corners_mm, shape })
     }
 
+    /// Machine position of the tool axis to which it goes up first, mm; `None` where none is set, and the tool stays at
+    /// its height.
+    #[must_use]
+    pub fn safe_height_mm(machine: &MachineConfig) -> Option<f64> {
+        let axis = machine.axes.get(machine.tool_axis()?)?;
+        let sheet = machine.tool_layer().map(|layer| layer.sensing().sheet_mm + layer.sensing().safe_mm);
+        machine.setting_up.retract_mm.or(sheet).map(|mm| mm.min(axis.travel_mm[1]))
+    }
+
     /// Positions at which the pointer shows the corners, in the order in which they are traced, from the first one back
     /// to it. The tool axis is at a safe height. The machine is at `from`.
     ///
@@ -84,10 +93,7 @@ impl CutFrame {
         let axes = plane(machine)?;
         let mut start = from;
         if let Some(tool) = machine.tool_axis().filter(|&tool| tool < A) {
-            let sheet = machine.tool_layer().map(|layer| layer.sensing().sheet_mm + layer.sensing().safe_mm);
-            let safe_mm = machine.setting_up.retract_mm.or(sheet);
-            let safe =
-                safe_mm.map_or(from[tool], |mm| machine.counts_of(tool, mm.min(machine.axes[tool].travel_mm[1])));
+            let safe = Self::safe_height_mm(machine).map_or(from[tool], |mm| machine.counts_of(tool, mm));
             start[tool] = safe.max(from[tool]);
         }
         let closed = self.corners_mm.iter().chain(self.corners_mm.first());

@@ -11,6 +11,8 @@ pub use frame::{CutFrame, FrameShape};
 pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};
 pub use sheet_edge::{SheetEdge, SheetPlacement};
 
+use crate::jog_speed::JogSpeed;
+
 /// A task of the operator.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTask {
@@ -29,6 +31,8 @@ pub enum ManualTask {
         axis: char,
         /// Whether in the positive direction.
         up: bool,
+        /// How fast.
+        speed: JogSpeed,
     },
     /// Execute one MDI block, as it would be in a program.
     Mdi(String),

@@ -20,6 +20,7 @@ use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
 use crate::job::{self, JobOptions, JobStart};
 use crate::jog_planner::{self, JogPlanner, JogRequest};
+use crate::jog_speed::JogSpeed;
 use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::mdi::ModalContext;
 use crate::operator::{CommandError, OperatorCommand};
@@ -201,9 +202,11 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 })
             }
             ManualTask::Home(Some(letter)) => self.home(*letter),
-            ManualTask::Jog { axis, mm } => self.jog(*axis, |from, counts| from.saturating_add(counts(*mm))),
-            ManualTask::JogOn { axis, up: true } => self.jog(*axis, |_, _| i64::MAX),
-            ManualTask::JogOn { axis, up: false } => self.jog(*axis, |_, _| i64::MIN),
+            ManualTask::Jog { axis, mm } => {
+                self.jog(*axis, JogSpeed::Full, |from, counts| from.saturating_add(counts(*mm)))
+            }
+            ManualTask::JogOn { axis, up: true, speed } => self.jog(*axis, *speed, |_, _| i64::MAX),
+            ManualTask::JogOn { axis, up: false, speed } => self.jog(*axis, *speed, |_, _| i64::MIN),
             ManualTask::ClearAlarm => self.clear(),
             ManualTask::Output(channel, value) => {
                 let change = OutputChange { channel: *channel, value: *value };
@@ -282,6 +285,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     fn jog(
         &mut self,
         letter: char,
+        speed: JogSpeed,
         wanted: impl Fn(i64, &dyn Fn(f64) -> i64) -> i64,
     ) -> Result<ManualTaskDone, ManualTaskError> {
         let index = axis(self.machine, letter)?;
@@ -302,7 +306,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         }
         let mut end = counts;
         end[index] = to;
-        let ended = self.play_move(JogRequest::Straight { from: counts, to: end })?;
+        let ended = self.play_move(JogRequest::Straight { from: counts, to: end, speed })?;
         let cut_short = to != wanted;
         self.emit_jogged(index, from, cut_short || ended == ManualMoveEnd::Stopped);
         // The rest of the move is discarded.
@@ -348,8 +352,10 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     fn visit_corners(&mut self, corners: &[[i64; A]]) -> Result<ManualTaskDone, ManualTaskError> {
         for (index, &to) in corners.iter().enumerate() {
             let from = self.card.status().counts;
-            let request =
-                if index == 0 { JogRequest::Approach { from, to } } else { JogRequest::Straight { from, to } };
+            let request = match index {
+                0 => JogRequest::Approach { from, to },
+                _ => JogRequest::Straight { from, to, speed: JogSpeed::Full },
+            };
             let ended = if from == to { ManualMoveEnd::Completed } else { self.play_move(request)? };
             // What is left of a move is discarded.
             self.begin()?;

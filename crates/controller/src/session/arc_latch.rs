@@ -38,6 +38,9 @@ struct StruckArc {
     inactive: u16,
 }
 
+/// Time in µs for which an arc may burn before its input shows it, if it takes that long to be lost: at usual feeds it
+/// cuts less than half the width of a kerf in it.
+const MAX_LATE_US: u32 = 10_000;
 /// Length in µm that counts as none, too: a contour ends with many short records, in which no arc is proven.
 const UNNOTICED_UM: u64 = 50;
 
@@ -89,7 +92,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let Some(end) = self.recovery.cut_end else { return };
             let is_lit = status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
             if is_cutting && is_lit && end.place.distance_to(status.place) > Distance::ZERO {
-                self.end_interruption(end, status.place.moved(-status.rate.over(1)));
+                self.end_interruption(end, status.place.moved(-status.rate.over(1)), 0);
             }
             return;
         };
@@ -98,9 +101,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let active = latch.struck.map_or(0, |arc| arc.active) + 1;
             latch.struck = Some(StruckArc { place, active, inactive: 0 });
             if active >= latch.proven_periods {
-                let end = latch.cut_end;
+                let (end, lost_periods) = (latch.cut_end, latch.lost_periods);
+                let late_periods = lost_periods.min((MAX_LATE_US / self.recovery.machine().period_us) as u16);
                 self.recovery.latch = None;
-                self.end_interruption(end, place);
+                self.end_interruption(end, place, late_periods);
             }
             return;
         }
@@ -114,7 +118,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if is_unwatched(status) {
             let end = latch.cut_end;
             self.recovery.latch = None;
-            self.end_interruption(end, end.latest);
+            self.end_interruption(end, end.latest, 0);
             return;
         }
         let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
@@ -143,7 +147,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let settings = proof.settings(self.recovery.machine().period_us);
             let ProofInput { proven_periods, lost_periods, .. } = settings;
             let (input, remaining_mm) = (proof.input, cutter.restart.latch_mm);
-            self.set_cut_end(status.place, channel);
+            self.set_cut_end([status.place; 2], channel);
             self.recovery.latch =
                 Some(Latch { input, cut_end, remaining_mm, struck: None, proven_periods, lost_periods });
         }

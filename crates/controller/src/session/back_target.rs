@@ -144,7 +144,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.asked_boundary = Some(oldest);
                 EventKind::CutterBoundary
             }
-            Some(code) => EventKind::RetraceBarrier(code),
+            Some(code) => {
+                let is_passed_again = self.thread_behind().is_some_and(|thread| thread.is_reversible());
+                EventKind::RetraceBarrier { code, is_passed_again }
+            }
             None => EventKind::HistoryStartReached,
         };
         self.emit(reached);

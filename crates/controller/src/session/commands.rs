@@ -97,7 +97,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::SkipContour => return self.skip_contour(),
             OperatorCommand::SkipContourAhead { number, on } => return self.skip_contour_ahead(number, on),
             // Handled above.
-            OperatorCommand::Contours | OperatorCommand::ConsumablesChanged | OperatorCommand::FollowSpindle(_) => {}
+            OperatorCommand::Contours
+            | OperatorCommand::ConsumablesChanged
+            | OperatorCommand::FollowSpindle(_)
+            | OperatorCommand::ToolFree => {}
             OperatorCommand::Single => self.toggle_single_block(),
             OperatorCommand::Hold => {
                 if self.restart.is_active() && self.cutter_states.contains(&CutterState::Sensing) {
@@ -117,7 +120,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.cancel_restart();
                 self.cancel_cutter_start(CutterOffReason::JobStopped);
             }
-            OperatorCommand::Wheel { .. } if self.mode_controller.mode() == Mode::Wheel => {}
+            OperatorCommand::Wheel { .. }
+                if self.mode_controller.mode() == Mode::Wheel && !self.mode_controller.is_held() => {}
             OperatorCommand::Wheel { .. } => {
                 self.wheel.reset();
                 self.retrace(ModeCommand::Wheel)?;

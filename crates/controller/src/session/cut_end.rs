@@ -7,6 +7,7 @@ use retrace_core::{Distance, Place, RecordIndex};
 use retrace_link::{CutterOff, MotionCard};
 
 use super::Session;
+use super::cut_mapping::measure_um;
 use super::restart::LeavingRun;
 use crate::event::EventKind;
 use crate::resume::ResumedCutEnd;
@@ -16,8 +17,8 @@ use crate::resume::ResumedCutEnd;
 pub(super) struct CutEnd {
     /// Place up to which it was cut.
     pub(super) place: Place,
-    /// The furthest place to which it may have been cut: beyond `place` where a job is resumed whose journal
-    /// ends before.
+    /// The furthest place to which it may have been cut: where the cutter was switched off because its input was
+    /// inactive, and where a job is resumed whose journal ends before.
     pub(super) latest: Place,
     pub(super) channel: u8,
     /// Whether the kerf may be longer still: the place comes from a journal, which may lack the last second.
@@ -49,7 +50,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !is_interrupted || !has_cut {
             return;
         }
-        self.set_cut_end(off.place, channel);
+        // A cutter whose input was inactive for too long may have burnt until it was switched off.
+        let status = self.card.status();
+        self.set_cut_end([off.place, status.place.moved(-status.rate.over(1))], channel);
         let is_done = self.is_lost_at_end(channel, off.place) || self.is_lost_over_kerf(off.place);
         self.contour_pass.skips_at_rest = lost && is_done;
     }
@@ -59,9 +62,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.mode_controller.mode() == Mode::Run || self.leaving_run != LeavingRun::No
     }
 
-    pub(super) fn set_cut_end(&mut self, place: Place, channel: u8) {
+    /// The cut of this cutter is interrupted: it ends at the first place, and at the other at the latest.
+    pub(super) fn set_cut_end(&mut self, [place, latest]: [Place; 2], channel: u8) {
         self.stats.cut_interruptions += 1;
-        self.begin_rest_of_cut(place, channel);
+        self.recovery.cut_end = Some(CutEnd { place, latest, channel, may_be_longer: false });
+        self.emit_cut_end();
     }
 
     /// The cut of this cutter ends at `place`, and is to be continued there.
@@ -85,7 +90,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let goes_back = !status.at_rest || self.recovery.usually_starts_in_motion(channel);
         if is_on && self.is_executing() && goes_back {
             // The card switches it off later, so that this place is cut.
-            self.set_cut_end(status.place, channel);
+            self.set_cut_end([status.place; 2], channel);
         }
     }
 
@@ -127,17 +132,30 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.emit(EventKind::CutEnd { channel, place, line, may_be_longer, latest: latest.record });
     }
 
-    /// The cut that ended at `end` is continued at `at`: counts what lies in between, as far as that is known.
-    pub(super) fn end_interruption(&mut self, end: CutEnd, at: Place) {
+    /// The cut that ended at `end` is continued at `at`: counts what lies in between, as far as that is known. An input
+    /// that is inactive for `late_periods` tells nothing.
+    ///
+    /// An arc strikes as soon as it meets metal. So where it strikes up to the place at which the lost one was switched
+    /// off, that one has burnt to there.
+    pub(super) fn end_interruption(&mut self, end: CutEnd, at: Place, late_periods: u16) {
         self.recovery.cut_end = None;
         self.emit(EventKind::CutContinued);
-        let end = end.latest;
-        let records = end.distance_to(at).units() >> 32;
-        if records < UNNOTICED_RECORDS {
+        let unnoticed = UNNOTICED_RECORDS + i64::from(late_periods);
+        let is_cut_to_here = end.latest.distance_to(at).units() >> 32 < unnoticed;
+        if is_cut_to_here {
+            if !end.may_be_longer && end.place.distance_to(at) > Distance::ZERO {
+                let length_um = self.length_um_between(end.place, at);
+                self.cut_map.record_burnt(end.place, at, length_um);
+            }
             return;
         }
-        let last = records.min(MAX_MEASURED_RECORDS) as u32;
-        let mm: f64 = (0..last).filter_map(|record| self.record_length_mm(end.record + record)).sum();
-        self.emit(EventKind::NotCut((mm * 1000.0).round() / 1000.0));
+        let from = if end.may_be_longer { end.latest } else { end.place };
+        self.emit(EventKind::NotCut(self.length_um_between(from, at) as f64 / 1000.0));
+    }
+
+    /// Length in µm of the records from this place to that, as far as they are retained.
+    fn length_um_between(&self, from: Place, to: Place) -> u64 {
+        let records = (from.distance_to(to).units() >> 32).clamp(0, MAX_MEASURED_RECORDS) as u32;
+        measure_um(&self.streamer, &self.config.mm_per_pulse, from.record, records)
     }
 }

@@ -57,6 +57,22 @@ impl Contour {
     }
 }
 
+/// What is not cut of some contours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct NotCut {
+    /// Length in µm.
+    pub(super) um: u64,
+    /// Number of those contours of which something is not cut.
+    pub(super) contours: u32,
+}
+
+impl NotCut {
+    /// This, and that of one more contour.
+    fn and(self, contour: &Contour) -> Self {
+        Self { um: self.um + contour.not_cut_um, contours: self.contours + u32::from(contour.not_cut_um > 0) }
+    }
+}
+
 /// What is cut of a contour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ContourProgress {
@@ -76,6 +92,8 @@ pub(super) struct CutMap {
     /// The last stretch in which the cutter burnt without a break.
     stretch: Option<[Place; 2]>,
     contours: Vec<Contour>,
+    /// What is not cut of the contours that were forgotten.
+    forgotten: NotCut,
     /// Number of contours of the program before the first one, where the job begins within it.
     skipped: Arc<AtomicU32>,
     /// Number of the last contour of the program that was begun.
@@ -124,6 +142,7 @@ impl CutMap {
             ranges: RecordRanges::with_room_for(capacity),
             stretch: None,
             contours: Vec::with_capacity(capacity),
+            forgotten: NotCut::default(),
             skipped: Arc::default(),
             last_number: 0,
             begun: 0,
@@ -186,6 +205,15 @@ impl CutMap {
         }
     }
 
+    /// Records that a lost cutter has burnt from this place to that, `length_um` in length.
+    pub(super) fn record_burnt(&mut self, from: Place, to: Place, length_um: u64) {
+        if let Some(contour) = self.current.and_then(|index| self.contours.get_mut(index)) {
+            contour.cut_nm += length_um * 1000;
+        }
+        // It is cut before the first place, and behind the last one.
+        self.ranges.insert(from.record, to.boundary_ahead());
+    }
+
     /// Where the stretch begins in which the cutter burns; `None` where it did not burn in the last control period.
     pub(super) fn burns_from(&self) -> Option<Place> {
         self.stretch.filter(|_| matches!(self.burning, Burning::Yes)).map(|[begin, _]| begin)
@@ -244,7 +272,8 @@ impl CutMap {
         self.current = self.contours.iter().rposition(|contour| contour.pierce == pierce);
         if self.current.is_none() {
             if self.contours.len() == MAX_RANGES {
-                self.contours.remove(0);
+                let forgotten = self.contours.remove(0);
+                self.forgotten = self.forgotten.and(&forgotten);
             }
             if self.last_number == 0 {
                 self.last_number = self.skipped.load(Ordering::Acquire);
@@ -425,8 +454,8 @@ impl CutMap {
     }
 
     /// Number of contours that were begun, and length that is not cut of all, µm.
-    pub(super) fn totals(&self) -> (u32, u64) {
-        (self.begun, self.contours.iter().map(|contour| contour.not_cut_um).sum())
+    pub(super) fn totals(&self) -> (u32, NotCut) {
+        (self.begun, self.contours.iter().fold(self.forgotten, NotCut::and))
     }
 }
 
@@ -472,6 +501,33 @@ mod tests {
         }
     }
 
+    /// The report counts what is not cut of contours that are no longer retained.
+    #[test]
+    fn a_contour_that_is_forgotten_stays_not_cut() {
+        let (mut map, contours) = (CutMap::new(true), MAX_RANGES as u32 + 100);
+        for number in 0..contours {
+            let pierce = RecordIndex::new(number * 20);
+            map.begin_contour(pierce, 7, 64);
+            map.record_cut(Place::start_of(pierce), Place::start_of(pierce + if number < 3 { 10 } else { 20 }), 1.0);
+            map.end_contour(pierce + 20, |_, records| u64::from(records) * 10).expect("it was begun");
+        }
+        assert_eq!(map.totals(), (contours, NotCut { um: 300, contours: 3 }));
+    }
+
+    /// Where an arc was lost and strikes again up to where the lost one was switched off, nothing is missing.
+    #[test]
+    fn what_a_lost_arc_has_burnt_is_cut() {
+        let (mut map, at) = (CutMap::new(true), |n: u32| RecordIndex::new(n));
+        map.begin_contour(at(0), 7, 64);
+        map.record_cut(Place::start_of(at(0)), Place { record: at(50), fraction: 1 << 31 }, 0.505);
+        let struck = Place { record: at(60), fraction: 1 << 31 };
+        map.record_cut(struck, Place::start_of(at(100)), 0.395);
+        map.record_burnt(Place { record: at(50), fraction: 1 << 31 }, struck, 100);
+        let contour = map.end_contour(at(100), |_, records| u64::from(records) * 10).expect("it was begun");
+        assert_eq!((contour.not_cut_um, contour.cut_um()), (0, 1000));
+        assert!((0..100).all(|record| map.is_cut(at(record))));
+    }
+
     #[test]
     fn a_contour_misses_what_was_not_cut_until_it_is_cut() {
         let (mut map, at) = (CutMap::new(true), |n: u32| RecordIndex::new(n));
@@ -484,13 +540,13 @@ mod tests {
         assert_eq!(contour.cut_um(), 880);
         map.begin_contour(at(300), 9, 64);
         map.measure_current(at(320), length);
-        assert_eq!(map.totals(), (2, 300));
+        assert_eq!(map.totals(), (2, NotCut { um: 300, contours: 2 }));
         map.begin_contour(at(100), 7, 64);
         map.record_cut(Place::start_of(at(140)), Place::start_of(at(150)), 0.1);
         map.record_cut(Place::start_of(at(150)), Place::start_of(at(160)), 0.1);
         map.record_cut(Place::start_of(at(160)), Place::start_of(at(161)), 0.01);
         let contour = map.end_contour(at(200), length).expect("it was begun");
-        assert_eq!((contour.number, contour.not_cut_um, map.totals()), (1, 0, (2, 200)));
+        assert_eq!((contour.number, contour.not_cut_um, map.totals()), (1, 0, (2, NotCut { um: 200, contours: 1 })));
         assert_eq!(contour.cut_um(), 980, "what was cut before counts once");
     }
 
@@ -510,7 +566,10 @@ mod tests {
         assert_eq!(told, [(1, 7, 0.6, Some(0.4)), (2, 9, 0.1, None)]);
         map.record_cut(Place::start_of(at(310)), Place::start_of(at(330)), 0.2);
         let contour = map.end_contour(at(330), length).expect("it was begun");
-        assert_eq!((contour.number, contour.not_cut_um, contour.cut_um(), map.totals()), (2, 0, 300, (2, 400)));
+        assert_eq!(
+            (contour.number, contour.not_cut_um, contour.cut_um(), map.totals()),
+            (2, 0, 300, (2, NotCut { um: 400, contours: 1 }))
+        );
     }
 
     #[test]

@@ -185,8 +185,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let reached = self.furthest_place().record;
         let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
         self.cut_map.measure_current(reached, length_um);
-        (self.stats.contours, self.stats.not_cut_um) = self.cut_map.totals();
-        self.stats.contours_not_cut = self.cut_map.contours().iter().filter(|c| c.not_cut_um > 0).count() as u32;
+        let (contours, not_cut) = self.cut_map.totals();
+        self.stats.contours = contours;
+        (self.stats.not_cut_um, self.stats.contours_not_cut) = (not_cut.um, not_cut.contours);
     }
 }
 

@@ -145,7 +145,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             rests: before.is_some_and(|record| record.flags.contains(Flags::REST)),
             reached: status.reached,
             executed: status.executed,
-            keeps_layer: true,
+            keeps_state: true,
         };
         let latch = Breakpoint { program: self.dnc.program, counts: to, spindle: None };
         let mut order = self.dnc.interruption;

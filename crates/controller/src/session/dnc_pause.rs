@@ -18,6 +18,7 @@ use super::{Outcome, Session};
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
 use crate::jog_planner::{JogPlanner, JogRequest};
+use crate::jog_speed::JogSpeed;
 use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{PeriodRecord, Telemetry};
@@ -195,7 +196,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut end = counts;
         end[index] = to;
         let aim = ManualMovePurpose::Jog { axis: index, from, to, cut_short: to != wanted };
-        self.begin_manual_move(JogRequest::Straight { from: counts, to: end }, aim)
+        self.begin_manual_move(JogRequest::Straight { from: counts, to: end, speed: JogSpeed::Full }, aim)
     }
 
     pub(super) fn begin_manual_move(
@@ -349,7 +350,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let line = self.dnc_line();
         if let Some(start) = self.dnc.path_start.take() {
-            self.card.begin_path(start)?;
+            self.begin_program_path(start)?;
             let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         }
         self.target = None;
@@ -378,7 +379,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
         let before = self.streamer.record(place.record - 1);
         let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));
-        PathStart { place, rests, reached, executed, keeps_layer: true }
+        PathStart { place, rests, reached, executed, keeps_state: true }
     }
 
     /// Mode output at a breakpoint: no motion and no restoring of outputs.

@@ -305,7 +305,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let moved = self.check_collision().and_then(|()| self.go_to_breakpoint(prepared.counts()));
         let begun = moved.and_then(|ended| match ended {
-            None => self.card.begin_path(*prepared.start()).map(|()| None).map_err(CardError::from),
+            None => self.begin_resumed_path(&prepared).map(|()| None),
             ended => Ok(ended),
         });
         match begun {
@@ -370,9 +370,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// planned.
     fn poll_planner(&mut self) {
         self.streamer.poll_planner();
-        let mut spins = 0u32;
+        let (mut spins, enough) = (0u32, self.records_to_plan());
         while !self.config.run_mode.wall_time
-            && !self.streamer.has_lookahead(self.card.status(), self.config.look_ahead_records)
+            && !self.streamer.has_lookahead(self.card.status(), enough)
             && !self.commands.stop_requested()
         {
             spins += 1;

@@ -25,6 +25,9 @@ use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::probe_move::ProbeMove;
 use crate::run_stats::PeriodClass;
 use crate::tap_move::TapQuestion;
+use probe_plug::{ProbePlug, ProbePlugState};
+
+mod probe_plug;
 
 /// Most runs of periods with the same distance in a probing move. Each hold takes about a hundred.
 const MAX_RUNS: usize = 1 << 16;
@@ -36,6 +39,7 @@ pub(super) struct ProgramProbing<const A: usize> {
     answers: Option<SyncSender<ProgramAnswer>>,
     /// The probe's input, and the filter of its level.
     input: Option<(u8, u16)>,
+    plug: ProbePlug,
     axes: usize,
     current: Option<CurrentProbing<A>>,
     /// Periods of the move in progress: runs of their number and the distance in each.
@@ -79,11 +83,25 @@ struct CurrentProbing<const A: usize> {
     end: RecordIndex,
 }
 
+/// The probe is not plugged in, as its input tells.
+fn not_plugged_in(input: u8) -> CardError {
+    let cause = format!("the probe is not plugged in: input {input} is inactive");
+    fault("E3038", &cause, "plug it in, then resume")
+}
+
+impl<const A: usize> CurrentProbing<A> {
+    /// Whether it is a probing move, and not over.
+    fn is_probing(&self) -> bool {
+        self.trip.is_some() && matches!(self.question, OffPathMove::Probe(_))
+    }
+}
+
 impl<const A: usize> ProgramProbing<A> {
     pub(super) fn new(machine: &MachineConfig) -> Self {
         let input = machine.probe.input.map(|input| (input, machine.probe.filter_periods));
         let runs = Vec::with_capacity(if input.is_some() { MAX_RUNS } else { 0 });
-        Self { answers: None, input, axes: machine.axes.len(), current: None, runs, moved: 0, turned: 0 }
+        let (plug, axes) = (ProbePlug::new(machine.probe.connected_input), machine.axes.len());
+        Self { answers: None, input, plug, axes, current: None, runs, moved: 0, turned: 0 }
     }
 
     /// Whether a probing move is in progress.
@@ -171,10 +189,25 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.probing.turned = 0;
         self.probing.runs.clear();
         self.probing.moved = 0;
+        self.probing.plug.restart();
         self.probing.current = Some(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
         self.executing = Some(ExclusiveKind::OffPath);
         self.emit_at(line, EventKind::Switching(question.code()));
         Ok(())
+    }
+
+    /// Watches whether the probe is plugged in, while a probing move is under way.
+    ///
+    /// # Errors
+    /// It is not, and the move has not begun.
+    fn watch_plug(&mut self) -> Result<ProbePlugState, CardError> {
+        let is_probing = self.probing.current.as_ref().is_some_and(CurrentProbing::is_probing);
+        let inputs = self.card.status().inputs;
+        match self.probing.plug.watch(inputs, self.config.period_s) {
+            _ if !is_probing => Ok(ProbePlugState::PluggedIn),
+            ProbePlugState::Unplugged(input) if !self.probing.plug.has_begun() => Err(not_plugged_in(input)),
+            state => Ok(state),
+        }
     }
 
     /// Runs a control period of a probing move.
@@ -184,9 +217,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let is_stopping = self.phase.is_stopping();
         let has_begun = self.probing.has_begun(self.card.status());
         let is_reversed = self.geared.reverses_tap();
+        let plug = self.watch_plug()?;
         if let (Some(current), Some(hand)) = (&mut self.probing.current, &mut self.dnc.jog_planner)
             && let Some(trip) = &mut current.trip
         {
+            if plug == ProbePlugState::Awaited {
+                let status = *self.card.run_period()?;
+                self.account_probing_period(&status);
+                return Ok(self.alarm(&status).or_else(|| is_stopping.then_some(Outcome::Stopped)));
+            }
             // A stop lets a tap come out first, as a thread is finished, once the tool is on its way, and unless it is
             // held: then it stays where it is.
             let is_tap = matches!(current.question, OffPathMove::Tap(_));
@@ -194,7 +233,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             if !(is_stopping && comes_out) {
                 trip.hold(is_held);
                 trip.reverse(is_reversed);
-                if is_stopping {
+                if is_stopping || matches!(plug, ProbePlugState::Unplugged(_)) {
                     trip.stop();
                 }
             }
@@ -205,6 +244,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 }
                 // It stays in progress: the periods to the end of the job are none of the path.
                 Some(ManualMoveEnd::Stopped) => {
+                    if let ProbePlugState::Unplugged(input) = plug {
+                        return Err(not_plugged_in(input));
+                    }
                     self.tell_tap_not_begun();
                     return Ok(Some(Outcome::Stopped));
                 }
@@ -374,8 +416,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let number = self.streamer.instruction_number();
         let start =
-            PathStart { place: Place::start_of(end), rests: true, reached: end, executed: number, keeps_layer: true };
-        self.card.begin_path(start)?;
+            PathStart { place: Place::start_of(end), rests: true, reached: end, executed: number, keeps_state: true };
+        self.begin_program_path(start)?;
         let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         self.probing.current = None;
         self.target = None;
@@ -385,6 +427,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 }
 
-fn fault(number: &'static str, cause: &str, remedy: &str) -> CardError {
+pub(super) fn fault(number: &'static str, cause: &str, remedy: &str) -> CardError {
     CardError::Fault { number, cause: cause.into(), remedy: remedy.into() }
 }

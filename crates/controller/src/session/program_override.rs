@@ -55,7 +55,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// the way back to normal run it is the next place at which overrides are switched; the machine rests there.
     pub(super) fn end_of_retrace(&self) -> RecordIndex {
         let status: &CardStatus<A> = self.card.status();
-        let end = self.geared.end_of_retrace(status.reached);
+        let end = self.end_of_retraced_thread();
         let switch = self.streamer.next_override_switch(status).filter(|switch| switch.is_before(end));
         switch.filter(|_| self.mode_controller.mode() == Mode::Rejoin).unwrap_or(end)
     }

@@ -342,10 +342,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Some(lead_in) => {
                 let begin = lead_in.begin();
                 self.streamer.begin_lead_in(lead_in);
-                PathStart { place: Place::start_of(begin), rests: false, reached: begin, executed, keeps_layer: true }
+                PathStart { place: Place::start_of(begin), rests: false, reached: begin, executed, keeps_state: true }
             }
         };
-        self.card.begin_path(begin)?;
+        self.begin_program_path(begin)?;
         let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         if self.single_block {
             // The block ends beyond this place, wherever its end was looked for before.

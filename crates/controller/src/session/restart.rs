@@ -14,7 +14,7 @@ use super::{ProgramStop, Session};
 use crate::cutter_off_reason::CutterOffReason;
 use crate::event::{CardError, EventKind};
 use crate::plan_item::HEIGHT;
-use crate::restart::RestartStep;
+use crate::restart::{RestartStep, await_spindle};
 
 /// Progress of a restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,6 +108,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
         let outputs = self.outputs_compared_with(wants);
         self.streamer.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
+        // in a thread the card turns the spindle, once motion is requested
+        if let Some(ready) = self.recovery.machine().spindle.ready.filter(|_| !self.is_engaged()) {
+            await_spindle(&mut self.restart.steps, wants, ready);
+        }
         if self.restart.steps.iter().any(|step| matches!(step.layer, Some(LayerMove::Start { .. })))
             && let Some(lift) = self.lift_off_contact()
         {

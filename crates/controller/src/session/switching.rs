@@ -106,7 +106,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
         }
         if let Some(SpindleTask::Gear(start)) = &spindle {
-            self.geared.enter(place, start);
+            self.enter_thread(place, *start, line);
         }
         self.program_stop = ProgramStop::No;
         self.streamer.mark_sent();

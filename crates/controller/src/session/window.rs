@@ -46,9 +46,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// place before anything moves. A card at the end of a serial line may need the
     /// command more than once.
     pub(super) fn slide_window(&mut self, demand: ModeOutput) {
+        self.close_passed_threads();
         let CardStatus { low, high, .. } = *self.card.status();
         let reached = self.end_of_retrace();
-        let horizon = if demand.look_ahead { SendHorizon::LookAhead } else { SendHorizon::Until(reached) };
+        // A thread is armed before its records are sent.
+        let horizon = match self.end_of_armed() {
+            None if demand.look_ahead => SendHorizon::LookAhead,
+            Some(end) if demand.look_ahead => SendHorizon::Until(end),
+            _ => SendHorizon::Until(reached),
+        };
         if !demand.look_ahead {
             let oldest = self.oldest();
             self.window_is_trimmed = !reached.is_before(high);
@@ -66,7 +72,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let stands_inside = place.fraction != 0 && high == place.record;
         if demand.target.faster() < Rate::ZERO && !stands_inside {
             let oldest = self.oldest();
-            self.streamer.fill_behind(&mut self.card, oldest);
+            if self.takes_records_behind() {
+                self.streamer.fill_behind(&mut self.card, oldest);
+            }
         } else {
             self.streamer.fill_ahead(&mut self.card, horizon);
         }

@@ -125,10 +125,11 @@ fn perform(
 /// nothing is lit.
 #[test]
 fn the_pointer_traces_the_extremes_of_what_is_cut() {
-    let (machine, mut chance) = (machine(""), Random::new(59));
-    for _ in 0..20 {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
+    let (machine, mut chance) = (machine(""), Random::new(number("RETRACE_FIRST_SEED").unwrap_or(59)));
+    for _ in 0..number("RETRACE_CASES").unwrap_or(20) {
         let mut mm = |most: u32| f64::from(chance.up_to(most * 10)) / 10.0;
-        let (turn, x, y) = (mm(90), 130.0 + mm(60), 60.0 + mm(60));
+        let (turn, x, y) = (mm(90), 165.0 + mm(60), 60.0 + mm(60));
         let (lead, radius, to) = (1.0 + mm(9), 5.0 + mm(25), mm(40));
         let program = format!(
             "G21 G90 G61 F3000\nG10 L2 P1 X{x} Y{y} R{turn}\nG0 X30 Y30\nM3\nG1 X[30 + {lead}]\nG1 Y[30 + {to}]\n\

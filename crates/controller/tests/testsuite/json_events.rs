@@ -33,7 +33,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::FeedOverrideSwitched(false),
         EventKind::CommandRejected(CommandError::NothingBehind),
         EventKind::HistoryStartReached,
-        EventKind::RetraceBarrier("M3"),
+        EventKind::RetraceBarrier { code: "M3", is_passed_again: false },
         EventKind::CutterBoundary,
         EventKind::BackTargetReached,
         EventKind::HistoryEndReached,
@@ -106,7 +106,7 @@ fn examples() -> Vec<EventKind> {
     for example in &examples {
         match example {
             EventKind::Started | EventKind::Mode(_) | EventKind::Operator(_) | EventKind::OverridePlanned(_) => {}
-            EventKind::CommandRejected(_) | EventKind::HistoryStartReached | EventKind::RetraceBarrier(_) => {}
+            EventKind::CommandRejected(_) | EventKind::HistoryStartReached | EventKind::RetraceBarrier { .. } => {}
             EventKind::FeedOverrideSwitched(_) => {}
             EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}

@@ -174,7 +174,11 @@ fn each_code_does_in_reverse_what_its_table_says() {
     let script = "at line 12 reverse 100%\nafter 6s leave\n";
     let (end, seen) = run(&machine(codes), program, script, &[]);
     assert_eq!(end.outcome, Outcome::Completed);
-    assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::RetraceBarrier("M105"))), "{:?}", seen.events);
+    assert!(
+        seen.events.iter().any(|kind| matches!(kind, EventKind::RetraceBarrier { code: "M105", .. })),
+        "{:?}",
+        seen.events
+    );
     let back = seen.periods.iter().rev().find(|(mode, _)| *mode == Mode::Reverse).expect("it went back").1;
     assert_eq!(back[1..=5], [0, 1, 1, 0, 1], "at the barrier");
     let forward = seen.periods.last().expect("there were some").1;

@@ -3,20 +3,18 @@
 //!
 //! Invariant: what the card accepts fits a control period of the step generator ([`step_words`]).
 
+pub mod edge_count;
 pub mod frequency;
-pub mod line_selector;
 pub mod period_clock;
 pub mod pins;
 #[cfg(test)]
 mod pio_model;
 pub mod pio_programs;
-pub mod probe_capture;
 pub mod pwm;
 pub mod quadrature;
 pub mod spindle_decoder;
 pub mod step_words;
 pub mod unique_number;
-pub mod usb_control;
 pub mod usb_frame;
 pub mod voltage_module;
 pub mod voltage_sentence;

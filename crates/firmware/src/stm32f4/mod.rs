@@ -8,8 +8,10 @@ mod dma_model;
 pub mod period;
 pub mod pins;
 pub mod port_counter;
+pub mod probed_periods;
 pub mod step_filler;
 pub mod step_mailbox;
+pub mod usb_otg;
 
 use retrace_link::{CardIdentity, PROTOCOL};
 

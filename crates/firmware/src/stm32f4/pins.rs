@@ -42,8 +42,30 @@ pub enum Port {
 pub const INPUT_PINS: [(Port, u8); 8] =
     [(Port::B, 3), (Port::B, 4), (Port::B, 5), (Port::B, 8), (Port::B, 9), (Port::A, 0), (Port::A, 15), (Port::C, 13)];
 
+/// Input of the timer that captures the edge of the probe (TIM2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CaptureInput {
+    /// Its channel 1.
+    First,
+    /// Its channel 2.
+    Second,
+}
+
+/// Returns the timer's input at the pin of an input of the card, if there is one (data sheets, *Alternate function
+/// mapping*: AF1): inputs 0, 5 and 6.
+#[must_use]
+pub fn capture_input(input: u8) -> Option<CaptureInput> {
+    match INPUT_PINS.get(usize::from(input))? {
+        (Port::B, 3) => Some(CaptureInput::Second),
+        (Port::A, 0 | 15) => Some(CaptureInput::First),
+        _ => None,
+    }
+}
+
 /// Transmit and receive of USART1, on port A.
 pub const SERIAL_PINS: [u8; 2] = [9, 10];
+/// The lines of the USB socket, negative and positive, on port A.
+pub const USB_PINS: [u8; 2] = [11, 12];
 /// A and B of the handwheel's encoder, on port B: channels 1 and 2 of TIM4.
 pub const ENCODER_PINS: [u8; 2] = [6, 7];
 
@@ -108,6 +130,7 @@ mod tests {
         let mut used: Vec<(Port, u8)> = (0..AXES as u8)
             .flat_map(|axis| [FIRST_STEP_PIN + axis, FIRST_DIRECTION_PIN + axis])
             .chain(SERIAL_PINS)
+            .chain(USB_PINS)
             // 13 and 14 are the debugger's
             .chain([13, 14])
             .map(|pin| (Port::A, pin))
@@ -138,6 +161,12 @@ mod tests {
         assert_eq!((direction_word(0, false, 0), direction_word(0, true, 0)), (1 << 5, 1 << 21));
         assert_eq!((direction_word(3, false, 0b1000), direction_word(3, true, 0b1000)), (1 << 24, 1 << 8));
         assert_eq!(ALL_STEPS_LOW, 0b1_1110 << 16);
+    }
+
+    #[test]
+    fn a_probe_is_captured_at_inputs_0_5_and_6() {
+        let captured: Vec<u8> = (0..=u8::MAX).filter(|&input| capture_input(input).is_some()).collect();
+        assert_eq!(captured, [0, 5, 6]);
     }
 
     #[test]

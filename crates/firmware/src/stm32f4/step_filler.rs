@@ -28,6 +28,8 @@ pub struct StepFiller {
     axes: [AxisEdges; AXES],
     shape: StepShape,
     times: SlotTimes,
+    /// First slot of the next buffer, in slots since the start, which wrap around.
+    buffer_begins: u32,
     /// Next slot of the period; at its end the next one is due.
     at: u32,
     /// Whether the directions have to be set, whatever they are.
@@ -49,6 +51,8 @@ impl StepFiller {
             axes: [const { AxisEdges::new() }; AXES],
             shape: StepShape::INITIAL,
             times,
+            // the first buffers are played empty
+            buffer_begins: 2 * BUFFER_SLOTS as u32,
             at: times.period,
             sets_directions: true,
             running: false,
@@ -63,10 +67,12 @@ impl StepFiller {
         for word in buffer {
             word.store(0, Relaxed);
         }
+        let buffer_begins = self.buffer_begins;
+        self.buffer_begins = buffer_begins.wrapping_add(BUFFER_SLOTS as u32);
         let mut from = 0;
         while from < BUFFER_SLOTS {
             if self.at == self.times.period {
-                let Some(order) = orders.take() else {
+                let Some(order) = orders.take(buffer_begins.wrapping_add(from as u32)) else {
                     self.late += u32::from(core::mem::take(&mut self.running));
                     return;
                 };

@@ -16,6 +16,8 @@ pub struct StepMailbox<const A: usize> {
     /// Length of a pulse in the lower half, direction set-up in the upper.
     times: AtomicU32,
     inverted: AtomicU32,
+    /// Slot at which the period of the batch begins that was taken last.
+    begins: AtomicU32,
 }
 
 impl<const A: usize> StepMailbox<A> {
@@ -28,6 +30,7 @@ impl<const A: usize> StepMailbox<A> {
             period_us: AtomicU32::new(0),
             times: AtomicU32::new(0),
             inverted: AtomicU32::new(0),
+            begins: AtomicU32::new(0),
         }
     }
 
@@ -53,8 +56,15 @@ impl<const A: usize> StepMailbox<A> {
         true
     }
 
-    /// Takes the batch, if there is one. For the taking side only.
-    pub fn take(&self) -> Option<StepBatch<A>> {
+    /// Returns the slot at which the period begins whose batch was taken last, in slots since the start, which wrap
+    /// around. Valid while the next batch may be put; for the putting side only.
+    #[must_use]
+    pub fn begins(&self) -> u32 {
+        self.begins.load(Ordering::Relaxed)
+    }
+
+    /// Takes the batch, if there is one; its period begins at slot `begins`. For the taking side only.
+    pub fn take(&self, begins: u32) -> Option<StepBatch<A>> {
         if !self.full.load(Ordering::Acquire) {
             return None;
         }
@@ -69,6 +79,7 @@ impl<const A: usize> StepMailbox<A> {
             setup_ns: (times >> 16) as u16,
             inverted: self.inverted.load(Ordering::Relaxed) as u16,
         };
+        self.begins.store(begins, Ordering::Relaxed);
         self.full.store(false, Ordering::Release);
         Some(StepBatch { increments, shape })
     }
@@ -107,7 +118,7 @@ mod tests {
         });
         for n in 0..COUNT {
             let taken = loop {
-                match HANDOVER.take() {
+                match HANDOVER.take(n) {
                     Some(taken) => break taken,
                     None => std::thread::yield_now(),
                 }
@@ -115,7 +126,7 @@ mod tests {
             assert_eq!(taken, order(n));
         }
         putting.join().expect("the putting side");
-        assert_eq!(HANDOVER.take(), None);
+        assert_eq!(HANDOVER.take(0), None);
     }
 
     #[test]
@@ -123,6 +134,6 @@ mod tests {
         let mailbox = StepMailbox::new();
         assert!(mailbox.is_free() && mailbox.put(&order(1)));
         assert!(!mailbox.is_free() && !mailbox.put(&order(2)));
-        assert_eq!(mailbox.take(), Some(order(1)));
+        assert_eq!((mailbox.take(77), mailbox.begins()), (Some(order(1)), 77));
     }
 }

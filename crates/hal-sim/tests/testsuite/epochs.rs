@@ -140,7 +140,7 @@ fn start_of(place: Place, reached: u32, executed: u32) -> PathStart {
         rests: place.fraction == 0 && place.record.number().is_multiple_of(EVERY),
         reached: RecordIndex::new(reached),
         executed,
-        keeps_layer: false,
+        keeps_state: false,
     }
 }
 

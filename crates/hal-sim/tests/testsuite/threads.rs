@@ -10,6 +10,9 @@ use retrace_link::{
     MotionCard, OutputChange, PathStart, RepeatedInstruction, SpindleControl, SpindleSettings, SpindleTask, channel,
 };
 
+mod kept_threads;
+mod rearmed_threads;
+mod retraced_threads;
 mod taps;
 
 const EMERGENCY_STOP: u8 = 13;

@@ -47,7 +47,7 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
             return;
         }
         for (number, reading) in status.analog_inputs.into_iter().enumerate() {
-            if let (Some(reading), true) = (reading, reading != self.reported.analog_inputs[number]) {
+            if reading != self.reported.analog_inputs[number] {
                 self.push(ReportEntry::AnalogInput { number: number as u8, reading });
             }
         }
@@ -81,9 +81,10 @@ impl<const A: usize, const E: usize, S: EntryStorage> CardEndpoint<A, E, S> {
     /// Adds entries for changes of the gear, and of the speed by more than a part in 512 and half a turn per minute.
     fn push_spindle_changes(&mut self, now: &SpindleStatus) {
         let told = self.reported.spindle;
-        if now.gear != told.gear {
-            self.reported.spindle.gear = now.gear;
-            self.push(ReportEntry::Gear(now.gear, now.largest_lag));
+        if (now.gear, now.armed_again) != (told.gear, told.armed_again) {
+            (self.reported.spindle.gear, self.reported.spindle.armed_again) = (now.gear, now.armed_again);
+            let SpindleStatus { gear, largest_lag, armed_again, .. } = *now;
+            self.push(ReportEntry::Gear { state: gear, largest_lag, armed_again });
             self.urgent = true;
         }
         let Some(speed) = now.speed else { return };

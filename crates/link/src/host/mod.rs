@@ -269,7 +269,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         self.decoder.set_key(self.key);
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (mut counts, (axis, mut layer), start) = (greeting.counts, greeting.layer, settings.start);
-        if start.keeps_layer && settings.layer.is_some_and(|settings| settings.axis == axis) {
+        if start.keeps_state && settings.layer.is_some_and(|settings| settings.axis == axis) {
             if let Some(count) = counts.get_mut(usize::from(axis)) {
                 *count -= i64::from(layer);
             }

@@ -8,7 +8,7 @@ use retrace_core::playback::emission;
 
 use super::{HostEndpoint, LinkError};
 use crate::wire::ReportEntry;
-use crate::{CardStatus, HEIGHT_CONTROLS, ProbeLatch, state_crc};
+use crate::{CardStatus, HEIGHT_CONTROLS, ProbeLatch, SpindleStatus, state_crc};
 
 impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
     HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
@@ -75,11 +75,12 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
             ReportEntry::SpindleSpeed(speed) => self.status.spindle.speed = Some(speed),
             ReportEntry::AnalogInput { number, reading } => {
                 if let Some(input) = self.status.analog_inputs.get_mut(usize::from(number)) {
-                    *input = Some(reading);
+                    *input = reading;
                 }
             }
-            ReportEntry::Gear(state, lag) => {
-                (self.status.spindle.gear, self.status.spindle.largest_lag) = (state, lag);
+            ReportEntry::Gear { state, largest_lag, armed_again } => {
+                let speed = self.status.spindle.speed;
+                self.status.spindle = SpindleStatus { speed, gear: state, largest_lag, armed_again };
             }
             ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
                 // While an alarm is latched, that is what must be reported.
@@ -101,8 +102,8 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         let status = &mut self.status;
         status.period += 1;
         (status.place, status.rate, status.starved, status.at_rest) = (to, distance.per_period(), starved, at_rest);
-        // at most nine records a period
         self.earlier = status.increments;
+        // at most nine records a period
         status.increments = increments.map(|pulses| pulses as i32);
         for (count, increment) in status.counts.iter_mut().zip(increments) {
             *count += increment;

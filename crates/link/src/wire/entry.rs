@@ -61,13 +61,20 @@ pub enum ReportEntry {
     AnalogInput {
         /// Number of the input, below [`ANALOG_INPUTS`].
         number: u8,
-        /// Reading in units of 2⁻¹⁶ of the range.
-        reading: u16,
+        /// Reading in units of 2⁻¹⁶ of the range; `None` where the input has none, such as that of a silent module.
+        reading: Option<u16>,
     },
     /// State of the control of the height.
     Height(HeightState),
-    /// State of the gear, and the largest lag in units of 2⁻¹⁶ records.
-    Gear(GearState, u32),
+    /// The gear.
+    Gear {
+        /// Its state.
+        state: GearState,
+        /// Largest lag of the stretch, in units of 2⁻¹⁶ records.
+        largest_lag: u32,
+        /// Stretches that were armed again in this epoch, modulo 256.
+        armed_again: u8,
+    },
 }
 
 impl ReportEntry {
@@ -100,6 +107,8 @@ mod extended {
     pub(super) const SPINDLE_SPEED: u8 = 0x30;
     pub(super) const GEAR: u8 = 0x31;
     pub(super) const ANALOG_INPUT: u8 = 0x40;
+    /// An analog input without a reading.
+    pub(super) const NO_READING: u8 = 0x41;
 }
 
 const STARVED: u8 = 1 << 5;
@@ -190,18 +199,20 @@ impl ReportEntry {
                 writer.slice(&[EXTENDED, extended::SPINDLE_SPEED])?;
                 writer.signed(i64::from(speed))
             }
-            Self::AnalogInput { number, reading } => {
+            Self::AnalogInput { number, reading: None } => writer.slice(&[EXTENDED, extended::NO_READING, number]),
+            Self::AnalogInput { number, reading: Some(reading) } => {
                 writer.slice(&[EXTENDED, extended::ANALOG_INPUT, number])?;
                 writer.u16(reading)
             }
-            Self::Gear(state, lag) => {
+            Self::Gear { state, largest_lag, armed_again } => {
                 let state = match state {
                     GearState::Off => 0,
                     GearState::Waiting => 1,
                     GearState::Engaged => 2,
+                    GearState::Freed => 3,
                 };
-                writer.slice(&[EXTENDED, extended::GEAR, state])?;
-                writer.count(u64::from(lag))
+                writer.slice(&[EXTENDED, extended::GEAR, state, armed_again])?;
+                writer.count(u64::from(largest_lag))
             }
         }
     }
@@ -255,18 +266,21 @@ impl ReportEntry {
             }),
             extended::PROBE_TOUCHED => Self::ProbeTouched,
             extended::SPINDLE_SPEED => Self::SpindleSpeed(reader.signed32()?),
-            extended::ANALOG_INPUT => {
-                let (number, reading) = (reader.u8()?, reader.u16()?);
-                (usize::from(number) < ANALOG_INPUTS).then_some(Self::AnalogInput { number, reading })?
+            code @ (extended::ANALOG_INPUT | extended::NO_READING) => {
+                let number = reader.u8()?;
+                let reading = if code == extended::ANALOG_INPUT { Some(reader.u16()?) } else { None };
+                (0..ANALOG_INPUTS).contains(&usize::from(number)).then_some(Self::AnalogInput { number, reading })?
             }
             extended::GEAR => {
                 let state = match reader.u8()? {
                     0 => GearState::Off,
                     1 => GearState::Waiting,
                     2 => GearState::Engaged,
+                    3 => GearState::Freed,
                     _ => return None,
                 };
-                Self::Gear(state, reader.count32()?)
+                let armed_again = reader.u8()?;
+                Self::Gear { state, largest_lag: reader.count32()?, armed_again }
             }
             _ => return None,
         })

@@ -368,14 +368,14 @@ fn write_start(writer: &mut ByteWriter<'_>, start: &PathStart) -> Option<()> {
     for value in [start.place.record.number(), start.place.fraction, start.reached.number(), start.executed] {
         writer.u32(value)?;
     }
-    writer.u8(u8::from(start.rests) | u8::from(start.keeps_layer) << 1)
+    writer.u8(u8::from(start.rests) | u8::from(start.keeps_state) << 1)
 }
 
 fn read_start(reader: &mut ByteReader<'_>) -> Option<PathStart> {
     let place = Place { record: RecordIndex::new(reader.u32()?), fraction: reader.u32()? };
     let (reached, executed) = (RecordIndex::new(reader.u32()?), reader.u32()?);
     let flags = reader.u8()?;
-    Some(PathStart { place, reached, executed, rests: flags & 1 != 0, keeps_layer: flags & 2 != 0 })
+    Some(PathStart { place, reached, executed, rests: flags & 1 != 0, keeps_state: flags & 2 != 0 })
 }
 
 /// Reads the limits of `told` axes; the others get the limits of the first.

@@ -5,9 +5,9 @@
 use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
-    GearStart, HeightControlSettings, HeightControls, HeightSource, HomingCommand, HostCommand, Ignition, InputWait,
-    Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction, OutputChange, ProbeArming, RepeatedInstruction,
-    SheetSource, SpindleControl, SpindleTask,
+    ArmedStretch, GearStart, HeightControlSettings, HeightControls, HeightSource, HomingCommand, HostCommand, Ignition,
+    InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction, OutputChange, ProbeArming,
+    RepeatedInstruction, SheetSource, SpindleControl, SpindleTask,
 };
 use retrace_core::gear::GearLimits;
 use retrace_core::{Distance, FeedShare, Rate, RecordIndex};
@@ -25,6 +25,8 @@ mod tag {
     pub(super) const HOME: u8 = 0x0A;
     pub(super) const ARM_PROBE: u8 = 0x0C;
     pub(super) const FOLLOW: u8 = 0x0D;
+    pub(super) const FREE_TOOL: u8 = 0x0E;
+    pub(super) const ARM_STRETCH: u8 = 0x0F;
     pub(super) const RESTART: u8 = 0x20;
     pub(super) const REPEAT: u8 = 0x21;
 }
@@ -106,7 +108,36 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
             writer.u8(tag::FOLLOW)?;
             writer.u8(u8::from(*on))
         }
+        HostCommand::FreeTool => writer.u8(tag::FREE_TOOL),
+        HostCommand::ArmStretch(armed) => {
+            writer.u8(tag::ARM_STRETCH)?;
+            write_armed_stretch(writer, armed)
+        }
     }
+}
+
+/// Flags of a stretch that is armed again.
+const PASSED: u8 = 1;
+const HAS_BARRIER: u8 = 2;
+
+fn write_armed_stretch(writer: &mut ByteWriter<'_>, armed: &ArmedStretch) -> Option<()> {
+    let ArmedStretch { first, start, speed, is_passed, barrier } = *armed;
+    writer.u8(if is_passed { PASSED } else { 0 } | if barrier.is_some() { HAS_BARRIER } else { 0 })?;
+    writer.u32(first.number())?;
+    if let Some(barrier) = barrier {
+        writer.u32(barrier.number())?;
+    }
+    writer.signed(i64::from(speed))?;
+    write_spindle_task(writer, SpindleTask::Gear(start))
+}
+
+fn read_armed_stretch(reader: &mut ByteReader<'_>) -> Option<ArmedStretch> {
+    let flags = reader.u8().filter(|flags| flags & !(PASSED | HAS_BARRIER) == 0)?;
+    let first = RecordIndex::new(reader.u32()?);
+    let barrier = if flags & HAS_BARRIER == 0 { None } else { Some(RecordIndex::new(reader.u32()?)) };
+    let speed = reader.signed32()?;
+    let SpindleTask::Gear(start) = read_task(reader)? else { return None };
+    Some(ArmedStretch { first, start, speed, is_passed: flags & PASSED != 0, barrier })
 }
 
 /// Number of the probe's input, and the flag that it is to become active.
@@ -165,6 +196,8 @@ pub fn read_command<const A: usize>(reader: &mut ByteReader<'_>, run: &mut Recor
                 HostCommand::ArmProbe(ProbeArming { input: input & PROBE_INPUT, active, filter_periods })
             }
             tag::FOLLOW => HostCommand::FollowSpindle { on: reader.u8()? != 0 },
+            tag::FREE_TOOL => HostCommand::FreeTool,
+            tag::ARM_STRETCH => HostCommand::ArmStretch(read_armed_stretch(reader)?),
             _ => return None,
         });
     }
@@ -262,10 +295,11 @@ fn write_spindle_task(writer: &mut ByteWriter<'_>, task: SpindleTask) -> Option<
 /// Reads what is awaited at the spindle, if the count of changes has its flag. Returns `None` if the bytes are invalid.
 #[allow(clippy::option_option)]
 fn read_spindle_task(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<SpindleTask>> {
-    if counts & SPINDLE == 0 {
-        return Some(None);
-    }
-    Some(Some(match reader.u8()? {
+    if counts & SPINDLE == 0 { Some(None) } else { read_task(reader).map(Some) }
+}
+
+fn read_task(reader: &mut ByteReader<'_>) -> Option<SpindleTask> {
+    Some(match reader.u8()? {
         AT_SPEED => SpindleTask::AtSpeed,
         kind @ (GEAR | HELD_GEAR | TAP) => SpindleTask::Gear(GearStart {
             length: reader.count32()?,
@@ -286,7 +320,7 @@ fn read_spindle_task(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<S
             },
         }),
         _ => return None,
-    }))
+    })
 }
 
 /// Flags in the kind of a start: the sheet of an earlier start counts; ohmic contacts, the control of the height, or

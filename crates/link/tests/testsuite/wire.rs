@@ -9,12 +9,12 @@ use retrace_link::wire::{
     ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_command, write_command,
 };
 use retrace_link::{
-    ANALOG_INPUTS, Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel,
-    CuttingSettings, GearStart, GearState, HeightControlSettings, HeightSource, HeightState, HomingCommand,
-    HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
-    MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL, PathStart,
-    ProbeArming, ProbeEdge, ProofInput, RepeatedInstruction, SheetSource, SpindleControl, SpindlePwm, SpindleSettings,
-    SpindleTask,
+    ANALOG_INPUTS, Alarm, ArmedStretch, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause,
+    CuttingChannel, CuttingSettings, GearStart, GearState, HeightControlSettings, HeightSource, HeightState,
+    HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
+    MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL,
+    PathStart, ProbeArming, ProbeEdge, ProofInput, RepeatedInstruction, SheetSource, SpindleControl, SpindlePwm,
+    SpindleSettings, SpindleTask,
 };
 
 /// Every value at its largest.
@@ -80,25 +80,26 @@ fn instruction() -> impl Strategy<Value = Instruction> {
 }
 
 fn spindle_task() -> impl Strategy<Value = Option<SpindleTask>> {
+    prop::option::of(prop_oneof![Just(SpindleTask::AtSpeed), gear_start().prop_map(SpindleTask::Gear)])
+}
+
+fn armed_stretch() -> impl Strategy<Value = ArmedStretch> {
+    let places = (any::<u32>(), prop::option::of(any::<u32>()));
+    (places, gear_start(), any::<i32>(), any::<bool>()).prop_map(|((first, barrier), start, speed, is_passed)| {
+        ArmedStretch { first: RecordIndex::new(first), start, speed, is_passed, barrier: barrier.map(RecordIndex::new) }
+    })
+}
+
+fn gear_start() -> impl Strategy<Value = GearStart> {
     let control =
         prop_oneof![Just(SpindleControl::None), Just(SpindleControl::Held), any::<u32>().prop_map(SpindleControl::Tap)];
     let numbers = (any::<[u32; 2]>(), any::<[u16; 4]>(), any::<[i64; 3]>(), control);
-    let gear = numbers.prop_map(|([length, start_angle], shorts, units, control)| {
+    numbers.prop_map(|([length, start_angle], shorts, units, control)| {
         let [records_per_turn, ahead, ramp_share, reverse_share] = shorts;
         let [near_end, tolerance] = [units[1], units[2]].map(Distance::from_units);
         let limits = GearLimits { rate: Rate::from_units(units[0]), near_end, tolerance };
-        SpindleTask::Gear(GearStart {
-            length,
-            records_per_turn,
-            start_angle,
-            ahead,
-            limits,
-            ramp_share,
-            reverse_share,
-            control,
-        })
-    });
-    prop::option::of(prop_oneof![Just(SpindleTask::AtSpeed), gear])
+        GearStart { length, records_per_turn, start_angle, ahead, limits, ramp_share, reverse_share, control }
+    })
 }
 
 fn layer() -> impl Strategy<Value = Option<LayerMove>> {
@@ -148,6 +149,8 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
         Just(HostCommand::ClearAlarm),
         any::<u32>().prop_map(|last| HostCommand::Restart { last }),
         any::<bool>().prop_map(|on| HostCommand::FollowSpindle { on }),
+        Just(HostCommand::FreeTool),
+        armed_stretch().prop_map(HostCommand::ArmStretch),
         (0u8..128, any::<bool>(), any::<u16>()).prop_map(|(input, active, filter_periods)| HostCommand::ArmProbe(
             ProbeArming { input, active, filter_periods }
         )),
@@ -192,10 +195,11 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<i16>().prop_map(ReportEntry::Wheel),
         any::<u32>().prop_map(ReportEntry::Refused),
         any::<i32>().prop_map(ReportEntry::SpindleSpeed),
-        (0..ANALOG_INPUTS as u8, any::<u16>())
+        (0..ANALOG_INPUTS as u8, any::<Option<u16>>())
             .prop_map(|(number, reading)| ReportEntry::AnalogInput { number, reading }),
         (0usize..3, any::<u32>()).prop_map(|(state, lag)| {
-            ReportEntry::Gear([GearState::Off, GearState::Waiting, GearState::Engaged][state], lag)
+            let state = [GearState::Off, GearState::Waiting, GearState::Engaged][state];
+            ReportEntry::Gear { state, largest_lag: lag, armed_again: lag as u8 }
         }),
         (any::<u8>(), 0u8..9, any::<[u32; 2]>()).prop_map(|(channels, cause, [record, fraction])| {
             let cause = CutterOffCause::from_wire(cause).expect("a cause");
@@ -330,7 +334,7 @@ fn handshakes_are_read_back() {
         rests: false,
         reached: RecordIndex::new(77),
         executed: 12,
-        keeps_layer: true,
+        keeps_state: true,
     };
     settings.layer = Some(LayerSettings { axis: 2, contacts: 1 << 9 | 1, probe_speed: 1 << 17, latch_speed: u32::MAX });
     settings.spindle_pwm = Some(SpindlePwm { full_scale: i32::MAX as u32, hz: 50_000 });

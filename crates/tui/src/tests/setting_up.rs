@@ -1,18 +1,20 @@
 //! Questions before the machine moves in setup: what a frame goes round, and probing cycles in words.
 
-use retrace_controller::{ManualTask, OperatorCommand};
+use retrace_config::MachineConfig;
+use retrace_controller::ManualTask;
 
+use super::jogging::in_setup;
 use super::{ScreenFixture, text};
 use crate::key_state::OpenDialog;
 use crate::keys::Key;
 use crate::pending_question::PendingQuestion;
-use crate::{UiCommand, lock_model};
+use crate::{ScreenStage, UiCommand, lock_model};
 
 #[test]
 fn a_frame_is_traced_by_a_key_in_setup_after_saying_what_it_goes_round() {
     use retrace_controller::FrameShape::{Outline, Rectangle};
     for (key, shape, what) in
-        [('F', Rectangle, "the rectangle around what is cut"), ('U', Outline, "the tight hull of")]
+        [('F', Rectangle, "the rectangle around what is cut"), ('U', Outline, "the tight outline of")]
     {
         let mut bench = ScreenFixture::new();
         assert_eq!(bench.key(Key::Char(key)), None);
@@ -20,6 +22,34 @@ fn a_frame_is_traced_by_a_key_in_setup_after_saying_what_it_goes_round() {
         assert!(shown.contains(what) && shown.contains("cutters off"), "{shown}");
         assert_eq!(bench.key(Key::Char(key)), None, "the key that has asked does not answer");
         assert_eq!((bench.key(Key::Char(key)), bench.key(Key::Char('y'))), (None, Some(UiCommand::Frame(shape))));
+    }
+}
+
+/// Over the sheet, the height counts: that of the tool, where no safe height is set.
+#[test]
+fn the_question_of_a_frame_says_at_which_height_it_is_traced() {
+    let axes = ["x", "y", "z"].map(|name| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\n\
+             max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-10, 60]\n"
+        )
+    });
+    for (keys, z, words) in [
+        ("", 0, "Z STAYS at 0.000 of the machine: no safe height is set."),
+        ("tool_axis = \"z\"\n", 4_000, "Z STAYS at 4.000 of the machine: no safe height is set."),
+        ("tool_axis = \"z\"\nretract_mm = 50\n", 4_000, "First up to Z 50.000 of the machine (safe height)."),
+        (
+            "tool_axis = \"z\"\nretract_mm = 50\n",
+            55_000,
+            "Z stays at 55.000 of the machine: the safe height is 50.000.",
+        ),
+    ] {
+        let machine = MachineConfig::parse(&format!("{keys}{}", axes.concat()), "m.toml").expect("valid");
+        let mut bench = ScreenFixture::of(&machine, "a.ngc", "G1 X9 F900\nM2\n");
+        lock_model(&bench.model).counts[2] = z;
+        assert_eq!(bench.key(Key::Char('F')), None);
+        let shown = text(&bench.screen(80, 24));
+        assert!(shown.contains(words), "no `{words}` in\n{shown}");
     }
 }
 
@@ -37,27 +67,58 @@ fn a_probing_cycle_is_entered_in_words_and_called_as_an_mdi_block() {
     assert_eq!(bench.key(Key::Enter), Some(UiCommand::Task(ManualTask::Mdi(block.into()))));
 }
 
-/// The second press of a continuous jog stops it, and one that the keyboard repeats changes nothing.
+/// The first start is said to fire, as a recovery is.
 #[test]
-fn a_continuous_jog_is_stopped_by_a_second_press() {
+fn a_start_that_lights_a_cutter_is_said_to_fire() {
+    use retrace_controller::ContourList;
+    let torch = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n";
+    let second = "[[cutter]]\nname = \"second\"\nkind = \"torch\"\nfire = 1\n";
+    let list = |names: &[&str]| {
+        let mut list = ContourList::default();
+        list.starts = names.iter().map(|name| ((*name).to_owned(), 2)).collect();
+        Some(std::sync::Arc::new(list))
+    };
+    for (contours, dry_run, words) in [
+        (list(&["torch"]), false, "a.ngc is ready — c cycle start FIRES the torch · arrows jog"),
+        (list(&["torch", "second"]), false, "a.ngc is ready — c cycle start FIRES · arrows jog"),
+        (list(&[]), false, "a.ngc is ready — c cycle start · arrows jog"),
+        (list(&["torch"]), true, "the cutter stays off — c cycle start · arrows jog"),
+        (None, false, "a.ngc is ready — c cycle start, may FIRE · arrows jog"),
+    ] {
+        let machine = MachineConfig::parse(&format!("{torch}{second}"), "m.toml").expect("valid");
+        let facts = crate::ProgramFacts {
+            check: crate::ProgramCheck::Ready,
+            contours,
+            ..crate::ProgramFacts::of(&machine, "a.ngc", "M2\n")
+        };
+        let mut model = crate::ScreenModel::new(facts.into());
+        model.dry_run = dry_run;
+        let shown = |model: &_| text(&super::drawn(model, &crate::key_state::KeyState::new(), 80, 24, 0));
+        assert!(shown(&model).contains(words), "no `{words}` in\n{}", shown(&model));
+        if words.contains("FIRES the") {
+            model.manual_result = "the frame was traced, and the tool is back".into();
+            assert!(shown(&model).contains("a.ngc is ready — c FIRES"), "{}", shown(&model));
+        }
+    }
+}
+
+/// The first point is taken after a question; the second one is followed by one.
+#[test]
+fn no_point_on_the_edge_of_a_sheet_is_taken_by_a_slip() {
     let mut bench = ScreenFixture::new();
-    bench.keys("tt");
-    assert!(text(&bench.screen(80, 24)).contains("continuous: again stops it"));
-    let begins = UiCommand::Task(ManualTask::JogOn { axis: 'x', up: true });
-    bench.wait(1_000);
-    assert_eq!(bench.key(Key::Right), Some(begins));
-    for _ in 0..3 {
-        bench.wait(40);
-        assert_eq!(bench.key(Key::Right), None);
-    }
-    // In motion each press stops it, however fast they follow each other, and none begins it again.
-    for (waits_ms, key) in [(40, Key::Right), (40, Key::Left), (500, Key::Right)] {
-        bench.wait(waits_ms);
-        lock_model(&bench.model).at_rest = false;
-        assert_eq!(bench.key(key), Some(UiCommand::Job(OperatorCommand::Hold)), "{waits_ms}");
-    }
-    lock_model(&bench.model).at_rest = true;
-    assert_eq!(bench.key(Key::Right), None);
+    let mut model = in_setup(&bench);
+    lock_model(&bench.model).stage = crate::ScreenStage::Setup;
+    assert_eq!(bench.key_state.key(Key::Char('E'), 0, &model), None);
+    let shown = text(&bench.screen(80, 24));
+    assert!(shown.contains("y take the 1st point here") && shown.contains("nothing is set yet"), "{shown}");
+    assert_eq!(bench.key_state.key(Key::Char('E'), 0, &model), None, "the key that has asked does not answer");
+    assert_eq!(bench.key_state.key(Key::Char('E'), 0, &model), None);
+    assert_eq!(bench.key_state.key(Key::Char('y'), 0, &model), Some(UiCommand::SheetPoint));
+    model.sheet_points = vec![[60.0, 40.0]];
+    assert_eq!(bench.key_state.key(Key::Char('E'), 0, &model), Some(UiCommand::SheetPoint));
+    model.sheet_points.push([260.0, 50.0]);
+    bench.key_state.follow(&model);
+    assert!(matches!(bench.key_state.open, OpenDialog::Prompt(PendingQuestion::AlignSheet, ..)));
 }
 
 /// What two points on the edge of a sheet would set is lost by no key but those that say so.
@@ -105,7 +166,19 @@ fn a_turn_of_an_earlier_job_is_asked_about_before_the_start() {
     assert_eq!(bench.key_state.key(Key::Char('c'), 0, &model), None, "another one than was set");
 }
 
-/// What the fixture shows, with no job begun.
-fn in_setup(bench: &ScreenFixture) -> crate::ScreenModel {
-    crate::ScreenModel { stage: crate::ScreenStage::Setup, at_rest: true, ..bench.picture() }
+/// At rest, a machine is ready only when the order before is done: the next one is refused until then.
+#[test]
+fn an_order_that_is_carried_out_at_rest_is_shown() {
+    let bench = ScreenFixture::new();
+    let state = |manual_task, at_rest| {
+        {
+            let mut model = lock_model(&bench.model);
+            (model.stage, model.manual_task, model.at_rest) = (ScreenStage::Setup, manual_task, at_rest);
+        }
+        text(&bench.screen(80, 24)).lines().take(2).collect::<String>()
+    };
+    let shown = state(Some("MDI block"), true);
+    assert!(shown.starts_with(" BUSY") && shown.contains("MDI block; Space stops it"), "{shown}");
+    assert!(state(Some("MDI block"), false).starts_with(" MOVING"));
+    assert!(state(None, true).starts_with(" READY"));
 }

@@ -16,6 +16,7 @@ use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Widget};
 
+use crate::cut_text;
 use crate::key_state::KeyState;
 use crate::keys::{self, KeyAction};
 use crate::layout::{self, MIN_SIZE};
@@ -82,7 +83,7 @@ pub(crate) fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, 
     };
     let hint = status_line::of(model);
     draw_header(out, panes.head, model, &hint, theme);
-    draw_reason(out, panes.why, &hint, theme);
+    draw_reason(out, panes.why, model, &hint, theme);
     listing::program(out, panes.program, model, theme);
     path::draw(out, panes.path, model, (key_state.view(model), key_state.frame), theme);
     readouts::position(out, panes.position, model, key_state, theme);
@@ -140,15 +141,21 @@ fn draw_header(out: &mut Buffer, area: Rect, model: &ScreenModel, hint: &StatusH
 }
 
 /// Draws why the machine waits and the first keys that apply, as many as fit.
-fn draw_reason(out: &mut Buffer, area: Rect, hint: &StatusHint, theme: Theme) {
+fn draw_reason(out: &mut Buffer, area: Rect, model: &ScreenModel, hint: &StatusHint, theme: Theme) {
     let mut text = hint.reason.clone();
     for (named, row) in hint.actions.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
         let sign = if named == 0 { " — " } else { " · " };
-        let more = format!("{sign}{} {}", row.shown, long_label(row.action, row.short));
-        if text.chars().count() + more.chars().count() + 2 > area.width as usize {
-            break;
+        let mut labels = vec![long_label(row.action, row.short).to_owned()];
+        if row.action == KeyAction::CycleStart {
+            let fires = cut_text::start_fires(model);
+            labels = if fires.is_empty() { labels } else { fires };
         }
-        text += &more;
+        let room = usize::from(area.width).saturating_sub(text.chars().count() + 2);
+        let mut more = labels.iter().map(|label| format!("{sign}{} {label}", row.shown));
+        match more.find(|more| more.chars().count() <= room) {
+            Some(more) => text += &more,
+            None => break,
+        }
     }
     put(out, area, 1, &truncate(&text, usize::from(area.width).saturating_sub(2)), theme.of(hint.level));
 }

@@ -210,6 +210,11 @@ fn prompt(
             draw_box(out, "frame?", &lines, theme);
             return;
         }
+        PendingQuestion::SheetPoint => {
+            let lines = sheet_text::FIRST_POINT.map(String::from);
+            draw_box(out, "the edge of the sheet, 1st point", &lines, theme);
+            return;
+        }
         PendingQuestion::AlignSheet => {
             let keys = "y set zero and direction · n or Esc: forget both points".to_owned();
             let width = usize::from(out.area.width.clamp(20, 110)) - 6;

@@ -5,13 +5,13 @@
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
-use retrace_controller::CutterState;
+use retrace_controller::{CutterState, JogSpeed};
 use retrace_link::{GearState, channel};
 
 use super::{Theme, fold, pane, put_at, truncate};
 use crate::cut_text;
-use crate::height_text::HeightFigures;
-use crate::key_state::{KeyState, STEPS_MM};
+use crate::height_text::{self, HeightFigures};
+use crate::key_state::{JogStep, KeyState};
 use crate::model::{AxisHoming, ScreenModel, ScreenStage};
 use crate::program_facts::CutterFacts;
 
@@ -28,6 +28,8 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, key_st
         0.0 => String::new(),
         degrees => format!(" · turned {degrees:+.3}°"),
     };
+    // While a torch is over its sheet, that matters more than the marks.
+    let marks = height_text::over_sheet_text(model).map_or(marks.into(), |height| format!(" · {height}"));
     let inside = pane(out, area, &format!("position, mm{marks}{turned}"), theme);
     let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
     put_at(out, inside, 2, 0, &header, theme.faint());
@@ -186,12 +188,17 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
         lines.extend(fold(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
     }
     if model.stage == ScreenStage::Setup || model.pause.is_some() {
-        let step = STEPS_MM.get(key_state.step).copied().flatten();
+        let step = key_state.jog_step();
+        let step = match step {
+            JogStep::Held(speed) if model.pause.is_none() => {
+                let slow = if speed == JogSpeed::Slow { "slow " } else { "" };
+                format!("jog held: {slow}{} mm/min · a tap {} mm", jog_speeds(model, speed), step.tap_mm())
+            }
+            _ => format!("jog step {} mm", step.tap_mm()),
+        };
         let optional = if model.optional_stop { " · M1 stops" } else { "" };
-        lines.push(format!(
-            "jog step {}{optional}",
-            step.map_or("continuous: again stops it".into(), |mm| format!("{mm} mm"))
-        ));
+        // First: whoever jogs has to see it on a small screen, too.
+        lines.splice(0..0, fold(&(step + optional), width, 2));
     } else {
         let single = if model.single { "single block ON" } else { "single block off" };
         let inputs: Vec<String> = (0..16).filter(|n| model.inputs >> n & 1 == 1).map(|n| n.to_string()).collect();
@@ -207,6 +214,17 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
     for (row, line) in lines.iter().enumerate() {
         put_at(out, inside, 1, row as u16, &truncate(line, width), Style::new());
     }
+}
+
+/// Speeds of a held jog, mm/min: that of the first linear axis, and those of others that differ.
+fn jog_speeds(model: &ScreenModel, speed: JogSpeed) -> String {
+    let linear = || model.facts.axes.iter().filter(|axis| !matches!(axis.letter, 'a'..='c'));
+    let mm_min = |mm_s: f64| (speed.share() * mm_s * 60.0).round();
+    let first = linear().next().map_or(0.0, |axis| mm_min(axis.jog_mm_s));
+    let others = linear().filter(|axis| mm_min(axis.jog_mm_s) != first);
+    others.fold(format!("{first:.0}"), |text, axis| {
+        format!("{text}, {} {:.0}", axis.letter.to_ascii_uppercase(), mm_min(axis.jog_mm_s))
+    })
 }
 
 /// What a cutter does, beyond on and off.
@@ -230,10 +248,10 @@ fn cutter_state(model: &ScreenModel, channel: u8) -> String {
 
 /// Lines for the cutters: state, and the state that the program expects at this place.
 fn cutters(model: &ScreenModel) -> Vec<String> {
-    let state = |value: i32| if value == 0 { "off" } else { "ON" };
     let line = |cutter: &CutterFacts| {
+        // Capitals are for what is lit.
         let program = if model.stage == ScreenStage::Job && !model.off_path {
-            format!(" · program here {}", state(model.program_output(cutter.fire)))
+            format!(" · program here {}", if model.program_output(cutter.fire) == 0 { "off" } else { "on" })
         } else {
             String::new()
         };
@@ -245,7 +263,8 @@ fn cutters(model: &ScreenModel) -> Vec<String> {
             Some(false) if value != 0 => " · no ok",
             _ => "",
         };
-        format!("{} {}{program}{doing}{lit}{ok}", cutter.name, state(value))
+        let state = if value == 0 { "off" } else { "ON" };
+        format!("{} {state}{program}{doing}{lit}{ok}", cutter.name)
     };
     let mut lines: Vec<String> = model.facts.cutters.iter().map(line).collect();
     let is_off = |cutter: &CutterFacts| {
@@ -287,6 +306,7 @@ fn measured(model: &ScreenModel) -> Option<String> {
         GearState::Off => "",
         GearState::Waiting => " · waits for its angle",
         GearState::Engaged => " · in a thread",
+        GearState::Freed => " · tool free",
     };
     Some(format!("measured {:.0}/min{gear}", f64::from(speed) / 1000.0))
 }

@@ -17,6 +17,8 @@ struct Period {
     y: i64,
     layer: i64,
     is_lit: bool,
+    /// Whether the input that proves the cutter is inactive meanwhile.
+    flickers: bool,
     rate: f64,
     /// Pulses of the tool axis that are left out.
     lost: i64,
@@ -71,7 +73,7 @@ fn vcd(periods: &[Period]) -> String {
             text,
             "#{at_ns}\nr{number} p\nr{} r\nb{:b} i\nb{lit} f\nr{} l",
             period.rate,
-            lit << 5,
+            (lit & u8::from(!period.flickers)) << 5,
             period.layer
         );
         let _ = writeln!(text, "b{:b} xc\nb{:b} yc", period.x, period.y);
@@ -87,7 +89,9 @@ fn vcd(periods: &[Period]) -> String {
 }
 
 fn verdict(name: &str, periods: &[Period], options: &[&str]) -> (i32, String) {
-    let path = folder("heights").join(name);
+    // Tests run beside each other, and each judges the trace it has written itself.
+    let test = std::thread::current().name().unwrap_or_default().replace("::", "_");
+    let path = folder(&test).join(name);
     fs::write(&path, vcd(periods)).expect("a trace");
     let output = cut_judge(&[&["heights", &path.display().to_string(), "--sheet-mm", "0"], options].concat());
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -102,6 +106,18 @@ fn a_trace_without_a_defect_is_good() {
     assert!((20..=60).contains(&over), "1.4 mm to either side at most: {text}");
     let cut: u32 = figure(&text, "cut").parse().expect("a number");
     assert!((1_400..=1_450).contains(&cut), "{text}");
+}
+
+/// What was cut before a flicker of the proof is no kerf that the same cut comes to.
+#[test]
+fn a_flicker_of_the_proof_ends_no_cut() {
+    let mut periods = trace();
+    for flicker in periods.iter_mut().filter(|at| at.is_lit && at.y == 0 && (5_500..5_550).contains(&at.x)) {
+        flicker.flickers = true;
+    }
+    let (code, text) = verdict("flicker.vcd", &periods, &[]);
+    assert_eq!((code, figure(&text, "moved_over_kerf")), (0, "0"), "{text}");
+    assert_eq!(figure(&text, "over_kerf"), figure(&verdict("good.vcd", &trace(), &[]).1, "over_kerf"), "{text}");
 }
 
 #[test]

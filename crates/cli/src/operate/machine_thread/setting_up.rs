@@ -9,7 +9,7 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{BlockDecoder, DecodedBlock, FrameShape, ManualTask, SheetEdge};
 use retrace_journal::ConsumableFile;
 use retrace_link::{MotionCard, Outputs};
-use retrace_tui::{ScreenModel, lock_model, sheet_text};
+use retrace_tui::{ScreenModel, lock_model, reported_contours_text, sheet_text};
 
 use super::super::preview_thread::place_on_sheet;
 use super::MachineThread;
@@ -108,7 +108,10 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         } else if self.exit.ran && self.args.reading.program.as_os_str() == "-" {
             Some("the program came from standard input and cannot run again")
         } else if !lock_model(&self.router.model).sheet_points.is_empty() {
-            Some("points on the edge of the sheet are taken and not set: set them, or forget them")
+            Some(
+                "points on the edge of the sheet are taken and not set: go on with E, or forget them (Esc at the \
+                screen)",
+            )
         } else if !self.program.is_loaded() {
             Some("no program is loaded: O opens one")
         } else {
@@ -131,15 +134,18 @@ impl<const A: usize> MachineThread<'_, '_, A> {
     /// Names what a task does, for the operator.
     pub(super) fn show_task(&self, task: &ManualTask) {
         let mut model = lock_model(&self.router.model);
-        model.manual_task = match task {
+        model.manual_task = Some(match task {
             ManualTask::Frame(frame) if frame.shape == FrameShape::Outline => "tracing the outline, cutters off",
             ManualTask::Frame(_) => "tracing the frame, cutters off",
             ManualTask::SenseTest => "sensing the sheet, cutter off",
             ManualTask::Home(_) => "homing",
             ManualTask::TestPulse => "test pulse: the cutter is ON",
-            _ => "",
-        };
+            ManualTask::Mdi(_) => "MDI block",
+            ManualTask::Jog { .. } | ManualTask::JogOn { .. } => "jog",
+            _ => "manual operation",
+        });
         model.manual_result.clear();
+        model.is_jog_released = false;
     }
 
     /// Reports that a task is complete, where nothing else shows it.
@@ -148,6 +154,20 @@ impl<const A: usize> MachineThread<'_, '_, A> {
             let what = if frame.shape == FrameShape::Outline { "outline" } else { "frame" };
             lock_model(&self.router.model).manual_result = format!("the {what} was traced");
             self.add_message(format!("the {what} was traced"));
+        }
+    }
+
+    /// Shows how a job has ended, in the parts of its line.
+    pub(super) fn show_end(&self, [how, contours, times]: &[String; 3]) {
+        let mut model = lock_model(&self.router.model);
+        let contours = reported_contours_text(&model, contours);
+        model.end(&format!("{how}{contours}{times}"));
+    }
+
+    /// Reports that a task was stopped. Of a jog whose key was let go, its distance was reported.
+    pub(super) fn report_stopped(&mut self) {
+        if !std::mem::take(&mut lock_model(&self.router.model).is_jog_released) {
+            self.add_message("stopped");
         }
     }
 
@@ -165,9 +185,6 @@ impl<const A: usize> MachineThread<'_, '_, A> {
         model.changes += 1;
     }
 }
-
-/// Points nearer to each other than this are one, mm.
-const SAME_PLACE_MM: f64 = 1.0;
 
 /// Position of the tool in X and Y, mm of the machine.
 fn tool_mm(machine: &MachineConfig, counts: &[i64]) -> Result<[f64; 2], NumberedError> {
@@ -198,11 +215,6 @@ fn take_point(
     let mut model = lock_model(model);
     model.changes += 1;
     match model.sheet_points[..] {
-        // Taken twice at the same place, it is taken back.
-        [[x, y]] if (point[0] - x).hypot(point[1] - y) < SAME_PLACE_MM => {
-            model.sheet_points.clear();
-            return Ok("the first point on the edge of the sheet is forgotten".into());
-        }
         [first] => {
             SheetEdge::through(first, point)?;
         }

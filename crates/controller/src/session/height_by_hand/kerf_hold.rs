@@ -4,10 +4,10 @@
 //! uncut holds nothing, and one that a recovery cut does. Where it is in doubt, on a lead-in, the height is held. The
 //! card holds it at its place on the path; only the end of a hold needs the computer.
 
-use retrace_core::Rate;
+use retrace_core::{Rate, RecordIndex};
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, channel};
 
-use crate::kerf_map::{FlatPlace, distance_mm};
+use crate::kerf_map::{FlatPlace, cell_of, distance_mm};
 use crate::session::Session;
 
 /// Time in s that a command may take to the card.
@@ -43,10 +43,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Whether the path ahead comes to a kerf in the time in which the height comes to rest, and one kerf more.
+    /// Whether the path ahead comes to a kerf in the time in which the height comes to rest, and one kerf more; earlier
+    /// by the time of a command, unless the card holds the height by itself there.
     fn comes_to_kerf(&self, status: &CardStatus<A>, axes: [usize; 2], here: FlatPlace) -> bool {
-        let command = self.records_in(COMMAND_S, status);
-        self.hold_before_kerf(status, axes, here, command).is_some_and(|records| records <= command)
+        let (now, command) = (status.place.record, self.records_in(COMMAND_S, status));
+        self.hold_before_kerf(status, axes, here, command).is_some_and(|records| {
+            let is_in_time = |place: RecordIndex| now.is_before(place) && !(now + records).is_before(place);
+            records == 0 || (records <= command && !self.height.hold_ahead.is_some_and(is_in_time))
+        })
     }
 
     /// Orders the hold at its place on the path, as far ahead as the card has records, so that it comes there whatever
@@ -79,12 +83,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let record = self.streamer.record(index).filter(|_| end.is_none_or(|end| index.is_before(end)))?;
             Some(axes.map(|axis| f64::from(record.increments[axis]) * self.config.mm_per_pulse[axis]))
         };
-        // The place that is one kerf before the one that is looked at, and the length of the path between them.
-        let (mut at, mut since_mm, mut before, mut between_mm) = (here, f64::INFINITY, 0, 0.0);
+        // The place that is one kerf before the one that is looked at, and the length of the path between them. Each
+        // cell is looked at once, so that the result is the same place from wherever the search begins.
+        let (mut at, mut cell, mut before, mut between_mm) = (here, None, 0, 0.0);
         for n in 0..MAX_AHEAD {
             let moved = length_of(n)?;
             let length_mm = distance_mm([0.0; 2], moved);
-            (at, since_mm) = ([at[0] + moved[0], at[1] + moved[1]], since_mm + length_mm);
+            at = [at[0] + moved[0], at[1] + moved[1]];
             between_mm += length_mm;
             while between_mm > kerf_mm {
                 between_mm -= distance_mm([0.0; 2], length_of(before)?);
@@ -93,11 +98,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if before > rest.saturating_add(most) {
                 return None;
             }
-            if since_mm >= 0.25 * kerf_mm {
-                since_mm = 0.0;
-                if self.cut_map.kerfs.is_near(at) {
-                    return Some(before.saturating_sub(rest));
-                }
+            if cell.replace(cell_of(at)) != Some(cell_of(at)) && self.cut_map.kerfs.is_near(at) {
+                return Some(before.saturating_sub(rest));
             }
         }
         None

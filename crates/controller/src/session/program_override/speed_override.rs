@@ -66,9 +66,21 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let (speed, spindle) = (&self.program_override.speed, &self.recovery.machine().spindle);
         let place = self.card.status().place.record;
         let is_geared = self.is_engaged() || self.geared.is_in_thread(place) || self.streamer.gear_is_next();
-        let percent = if speed.is_off || is_geared { 100 } else { speed.asked };
+        let percent = match speed.is_off {
+            false if is_geared => self.speed_override_in_thread().unwrap_or(100),
+            false => speed.asked,
+            true => 100,
+        };
         let thousandths = |rpm: f64| (rpm * 1000.0).min(f64::from(i32::MAX)) as i32;
         SpeedShare { percent, range: [spindle.min_rpm, spindle.max_rpm].map(thousandths) }
+    }
+
+    /// The speed override in a thread that follows the spindle, in percent, at most that of the speed it is planned
+    /// for; `None` where it does not act. The helix does not depend on it (SPN-20).
+    fn speed_override_in_thread(&self) -> Option<i64> {
+        let encoder = self.recovery.machine().encoder.filter(|encoder| encoder.overrides_thread)?;
+        let most = (encoder.thread_margin * 100.0) as i64;
+        (self.is_engaged() && !self.probing.is_active()).then_some(self.program_override.speed.asked.min(most))
     }
 
     /// Sets what S is multiplied with where it is sent.
@@ -92,7 +104,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_untouched = self.program_override.speed.sent.is_none() && self.program_override.speed.asked == 100;
         let is_busy = self.executing.is_some() || self.restart.is_active() || self.manual_outputs.has_unreported();
         let is_elsewhere = self.dnc.is_paused() || self.mode_controller.mode() != Mode::Run;
-        if is_untouched || is_busy || turns == 0 || self.is_engaged() || is_elsewhere {
+        let is_geared = self.is_engaged() && self.speed_override_in_thread().is_none();
+        if is_untouched || is_busy || turns == 0 || is_geared || is_elsewhere {
             return;
         }
         let value = self.speed_share().of(self.streamer.expected()[usize::from(channel::SPEED)]);

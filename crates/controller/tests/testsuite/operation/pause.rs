@@ -128,7 +128,7 @@ fn another_tool_length_moves_the_path_and_bars_what_would_leave_the_limits() {
     let is_entered =
         |step: &&DncStep| matches!(step, DncStep::ToolLength { by_mm: 8.0, by_counts: 8000, axis: 'z', .. });
     assert_eq!(steps(&log).into_iter().filter(is_entered).count(), 1, "{:?}", steps(&log));
-    let barrier = log.event(|kind| matches!(kind, EventKind::RetraceBarrier(_)));
+    let barrier = log.event(|kind| matches!(kind, EventKind::RetraceBarrier { .. }));
     let at_barrier = log.periods.iter().rfind(|period| period.mode == Mode::Reverse).expect("it reverses");
     assert_eq!((at_barrier.place, at_barrier.place.fraction), (barrier.place, 0));
     // the next record would be beyond Z20

@@ -50,7 +50,7 @@ impl Kept {
             rests: false,
             reached: status.reached,
             executed: status.executed,
-            keeps_layer: false,
+            keeps_state: false,
         };
         ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, RecordIndex::new(0)) }
     }

@@ -3,8 +3,12 @@
 //! Invariant: the count is of the motion path's own thread.
 
 use allocation_counter::{AllocationInfo, measure};
+use retrace_config::MachineConfig;
 use retrace_controller::{JobStart, Observer, Outcome, Telemetry, run_job};
+use retrace_core::RecordIndex;
+use retrace_hal_sim::{Clock, PlantSettings, SimCard, SpindleSimulation};
 use retrace_journal::JournalConfig;
+use retrace_link::PathStart;
 
 use super::jobs::{AXES, Decoder, card, machine, options};
 
@@ -19,11 +23,15 @@ impl Observer<AXES> for Counted {
 /// Allocations of the caller's thread, which is the motion path's, in a whole job; and the number of events.
 fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
     let machine = machine(60.0);
-    let (decoder, card) = (Decoder::new(program), card(&machine));
-    let options = options(&machine, script, JobStart::First, JournalConfig::default());
+    allocated_by(&machine, card(&machine), program, script)
+}
+
+fn allocated_by(machine: &MachineConfig, card: SimCard<AXES>, program: &str, script: &str) -> (AllocationInfo, u64) {
+    let decoder = Decoder::new(program);
+    let options = options(machine, script, JobStart::First, JournalConfig::default());
     let mut counted = Counted(0);
     let mut end = None;
-    let info = measure(|| end = Some(run_job(&machine, decoder, options, card, &mut counted).expect("a job")));
+    let info = measure(|| end = Some(run_job(machine, decoder, options, card, &mut counted).expect("a job")));
     assert_eq!(end.map(|end| end.outcome), Some(Outcome::Completed));
     (info, counted.0)
 }
@@ -61,4 +69,26 @@ fn what_a_job_allocates_does_not_depend_on_what_happens_in_it() {
     assert!(many > 500 && few < 10, "{few} {many}");
     let counts = |info: &AllocationInfo| (info.count_total, info.bytes_total, info.count_current);
     assert_eq!(counts(&eventful), counts(&plain), "allocations, bytes, and what was not freed");
+}
+
+/// Nor on how many threads there are, nor on how many of them are passed backward.
+#[test]
+fn threads_allocate_nothing() {
+    let text = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\nthread_hold = \"spindle\"\n";
+    let machine = MachineConfig::parse(text, "test").expect("valid");
+    let allocated = |program: &str, script: &str| {
+        let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
+        let spindle = SpindleSimulation { counts_per_turn: 400, ..SpindleSimulation::default() };
+        let plant = PlantSettings { spindle: Some(spindle), ..PlantSettings::default() };
+        let card = SimCard::with_machine(settings, &plant, Clock::Virtual).expect("it opens");
+        allocated_by(&machine, card, program, script)
+    };
+    let thread = "G0 X1 Z5\nG33 Z-5 K1\n";
+    let (plain, few) = allocated(&format!("G21 G90 S1000 M3\n{thread}G0 X5\nM5\nM2\n"), "at 0s override 100%\n");
+    let program = format!("G21 G90 S1000 M3\n{}G4 P2\nG0 X5\nM5\nM2\n", thread.repeat(40));
+    let script = "at 30s reverse 100%\n".to_owned() + &"after 5s reverse 100%\n".repeat(6) + "after 5s leave\n";
+    let (many_threads, many) = allocated(&program, &script);
+    assert!(many > few + 100, "{few} {many}");
+    let counts = |info: &AllocationInfo| (info.count_total, info.bytes_total, info.count_current);
+    assert_eq!(counts(&many_threads), counts(&plain), "allocations, bytes, and what was not freed");
 }

@@ -1,7 +1,7 @@
 //! An arc that is lost in the cut, and its recovery.
 
 use retrace_controller::{
-    CutterState, DifferingOutput, EventKind, JobStart, OperatorCommand, Outcome, ResumePoint, ResumedCutEnd,
+    CutterState, DifferingOutput, Event, EventKind, JobStart, OperatorCommand, Outcome, ResumePoint, ResumedCutEnd,
 };
 use retrace_core::{Place, Rate, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, PathStart};
@@ -191,7 +191,7 @@ fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
             let CardStatus { place: at, reached, executed, .. } = *first.end.card.status();
             let cut_end =
                 ResumedCutEnd { channel: FIRE, place, latest: place.record, is_interruption: true, is_exact: true };
-            let start = PathStart { place: at, rests: false, reached, executed, keeps_layer: false };
+            let start = PathStart { place: at, rests: false, reached, executed, keeps_state: false };
             let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
             let cut_before = first.cut_squares();
             let script = format!("after {recovered_after_s}s recover\n");
@@ -226,7 +226,7 @@ fn a_kerf_that_ends_in_the_last_records_of_its_contour_is_complete() {
         let place = Place::start_of(at - 900);
         let cut_end =
             ResumedCutEnd { channel: FIRE, place, latest: place.record, is_interruption: false, is_exact: false };
-        let start = PathStart { place: Place::start_of(at), rests: false, reached: at, executed, keeps_layer: false };
+        let start = PathStart { place: Place::start_of(at), rests: false, reached: at, executed, keeps_state: false };
         let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
         let rest =
             run_part(&machine(), PROGRAM, "after 0.05s recover\n", JobStart::At(Box::new(point)), first.end.card);
@@ -338,4 +338,24 @@ fn a_flicker_while_the_arc_is_proven_leaves_nothing_that_is_not_cut() {
         assert!(not_cut_mm.sum::<f64>() < 0.2, "{seed}");
     }
     assert!(late > 0, "no flicker");
+}
+
+/// The contact opens for longer than a flicker, and the arc burns until it is switched off: the arc of the recovery
+/// finds metal only behind what that one has cut, which is not missing.
+#[test]
+fn what_an_arc_has_burnt_without_its_contact_is_cut() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let script: String = (1..40).map(|at| format!("at {}s recover\n", 3 * at)).collect();
+    let mut losses = 0;
+    for seed in 1..=20 {
+        let job = run(&machine(), PROGRAM, &format!("flicker-per-m=20,flicker-ms=11,seed={seed}"), &script);
+        assert_eq!((&job.end.outcome, job.counts()), (&Outcome::Completed, whole.counts()), "{seed}");
+        job.assert_safe();
+        losses += job.end.stats.cut_interruptions;
+        let texts = || job.events.iter().map(Event::text).collect::<Vec<_>>();
+        assert_eq!(job.contours(), [(1, 0.0), (2, 0.0)], "{seed}: {:#?}", texts());
+        let not_cut = job.picked(|kind| if let EventKind::NotCut(mm) = kind { Some(*mm) } else { None });
+        assert_eq!((job.end.stats.not_cut_um, not_cut), (0, vec![]), "{seed}");
+    }
+    assert!(losses > 20, "{losses}");
 }

@@ -5,7 +5,7 @@
 use super::registers::TIMER_NOW;
 use super::serial;
 use super::usb_line::UsbLine;
-use retrace_firmware::rp2040::line_selector::{LineKind, LineSelector, NextByte};
+use retrace_firmware::line_selector::{LineKind, LineSelector, NextByte};
 use retrace_firmware::rp2040::voltage_module::VoltageModule;
 
 /// Both lines.

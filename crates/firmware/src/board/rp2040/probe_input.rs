@@ -6,11 +6,12 @@
 use super::registers::Pio;
 use super::step_generator::StepGenerator;
 use retrace_card::{AwaitedProbe, ProbeReading};
+use retrace_firmware::probe_capture::ProbeCapture;
+use retrace_firmware::rp2040::edge_count::edge_part;
 use retrace_firmware::rp2040::pins::{FIRST_INPUT_PIN, GATE_PIN};
 use retrace_firmware::rp2040::pio_programs::{
     CAPTURE_FALLING, CAPTURE_FALLING_AT, CAPTURE_RISING, CAPTURE_RISING_AT, jump_to,
 };
-use retrace_firmware::rp2040::probe_capture::{CaptureReading, ProbeCapture};
 
 /// The machine of [`Pio::Frame`] that captures.
 const MACHINE: usize = 1;
@@ -61,8 +62,8 @@ impl ProbeInput {
             StepGenerator::wait_behind_gate();
         }
         let is_there = is_awaited && !Pio::Frame.queue_status().has(WORDS_EMPTY << MACHINE);
-        let counts = is_there.then(|| Pio::Frame.words(MACHINE).read());
         let (period, is_late) = steps.last_period();
-        self.capture.read(levels, CaptureReading { counts, period, is_late })
+        let edge = is_there.then(|| edge_part(Pio::Frame.words(MACHINE).read(), period, is_late));
+        self.capture.read(levels, edge)
     }
 }

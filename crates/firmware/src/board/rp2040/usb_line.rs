@@ -7,10 +7,8 @@ use super::registers::{
     TIMER_NOW, USB_ADDRESS, USB_BUFFERS_DONE, USB_CONTROL, USB_FRAME, USB_LINES, USB_POWER, USB_REFUSE,
     USB_SIE_CONTROL, USB_SIE_STATUS, usb_memory,
 };
-use retrace_firmware::rp2040::usb_control::{
-    ControlReply, DATA_ENDPOINT, PACKET, SerialText, TO_HOST, reply, serial_text,
-};
 use retrace_firmware::rp2040::usb_frame::UsbFrame;
+use retrace_firmware::usb_control::{ControlReply, DATA_ENDPOINT, PACKET, SerialText, TO_HOST, reply, serial_text};
 
 /// Words of the controller's memory, and where things are in it: the control of endpoints, of their buffers, and the
 /// buffers of endpoint 0, of data to the host, from the host, and of notifications.

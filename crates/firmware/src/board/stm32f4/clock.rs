@@ -11,21 +11,27 @@ pub(crate) struct Rates {
     pub(crate) serial: u32,
     /// TIM1: twice the bus APB2, where that is divided (RM0090, 7.2). In QEMU, TIM5.
     pub(crate) slot_timer: u32,
+    /// TIM5: twice the bus APB1. In QEMU, TIM2.
+    pub(crate) microsecond_timer: u32,
 }
 
 /// 168 MHz; APB1 at a quarter, APB2 at half of it.
 #[cfg(all(feature = "f405", not(feature = "qemu")))]
-pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, slot_timer: 168_000_000 };
+pub(crate) const RATES: Rates =
+    Rates { core: 168_000_000, serial: 84_000_000, slot_timer: 168_000_000, microsecond_timer: 84_000_000 };
 /// 84 MHz; APB1 at half of it, APB2 undivided.
 #[cfg(feature = "f401")]
-pub(crate) const RATES: Rates = Rates { core: 84_000_000, serial: 84_000_000, slot_timer: 84_000_000 };
-/// 100 MHz; APB1 at half of it, APB2 undivided.
+pub(crate) const RATES: Rates =
+    Rates { core: 84_000_000, serial: 84_000_000, slot_timer: 84_000_000, microsecond_timer: 84_000_000 };
+/// 96 MHz, the highest rate below its 100 MHz that leaves 48 MHz for USB; APB1 at half of it, APB2 undivided.
 #[cfg(feature = "f411")]
-pub(crate) const RATES: Rates = Rates { core: 100_000_000, serial: 100_000_000, slot_timer: 100_000_000 };
+pub(crate) const RATES: Rates =
+    Rates { core: 96_000_000, serial: 96_000_000, slot_timer: 96_000_000, microsecond_timer: 96_000_000 };
 /// QEMU's netduinoplus2 has no clock tree: the processor is assumed to run at 168 MHz, the timers at 1 GHz, and no baud
 /// rate matters.
 #[cfg(feature = "qemu")]
-pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, slot_timer: 1_000_000_000 };
+pub(crate) const RATES: Rates =
+    Rates { core: 168_000_000, serial: 84_000_000, slot_timer: 1_000_000_000, microsecond_timer: 1_000_000_000 };
 
 const _: () = {
     // the chosen rates divide without remainder, so that slots and baud rate are exact
@@ -34,10 +40,10 @@ const _: () = {
     assert!(RATES.core >= 84_000_000);
 };
 
-/// Nothing to start.
+/// Nothing to start, and no crystal.
 #[cfg(feature = "qemu")]
 pub(crate) fn start() -> bool {
-    true
+    false
 }
 
 #[cfg(not(feature = "qemu"))]
@@ -72,10 +78,13 @@ mod tree {
     #[cfg(any(feature = "f405", feature = "f401"))]
     const PLL_MHZ: u16 = 336;
     #[cfg(feature = "f411")]
-    const PLL_MHZ: u16 = 200;
+    const PLL_MHZ: u16 = 192;
+    /// Divider to the 48 MHz of the USB controller.
+    const USB_DIVIDER: u8 = (PLL_MHZ / 48) as u8;
+    const _: () = assert!(USB_DIVIDER as u16 * 48 == PLL_MHZ);
 
-    /// Sets the chip's clock rate, from the crystal or else from the internal oscillator. Returns false if a crystal
-    /// was expected and did not start. If not even the PLL locks, the serial line would have the wrong rate: the chip
+    /// Sets the chip's clock rate, from the crystal or else from the internal oscillator. Returns whether it is that of
+    /// a crystal. If not even the PLL locks, the serial line would have the wrong rate: the chip
     /// halts.
     pub(crate) fn start() -> bool {
         let crystal = CRYSTAL_MHZ.filter(|_| {
@@ -84,7 +93,7 @@ mod tree {
         });
         prepare_core();
         // the PLL is fed with 1 MHz
-        set_pll_factors(crystal.unwrap_or(INTERNAL_MHZ), PLL_MHZ);
+        set_pll_factors(crystal.unwrap_or(INTERNAL_MHZ), PLL_MHZ, USB_DIVIDER);
         rcc().pllcfgr().modify(|_, w| {
             let w = if crystal.is_some() { w.pllsrc().hse() } else { w.pllsrc().hsi() };
             if cfg!(feature = "f401") { w.pllp().div4() } else { w.pllp().div2() }
@@ -100,7 +109,7 @@ mod tree {
         if !wait_for(|| rcc().cfgr().read().sws().is_pll()) {
             crate::halt();
         }
-        crystal.is_some() || CRYSTAL_MHZ.is_none()
+        crystal.is_some()
     }
 
     /// Wait states for 2.7 … 3.6 V (RM0090, table 10; RM0368, table 6; RM0383, table 5), with prefetch and caches.

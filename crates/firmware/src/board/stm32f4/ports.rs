@@ -5,7 +5,7 @@
 use retrace_firmware::AXES;
 use retrace_firmware::stm32f4::pins::{
     ALL_OUTPUTS_LOW, ENCODER_PINS, FIRST_DIRECTION_PIN, FIRST_STEP_PIN, INPUT_PINS, OUTPUT_PINS, Port, SERIAL_PINS,
-    outputs_word,
+    USB_PINS, outputs_word,
 };
 use retrace_link::Outputs;
 
@@ -55,6 +55,54 @@ pub(super) fn start() {
         port_b().afrl().modify(|_, w| w.afr(pin).set(ENCODER_FUNCTION));
         port_b().moder().modify(|_, w| w.moder(pin).alternate());
     }
+}
+
+/// Alternate function of the USB controller (data sheets, *Alternate function mapping*).
+const USB_FUNCTION: u8 = 10;
+
+/// Connects the pins of the USB socket to its controller.
+pub(super) fn connect_usb() {
+    for pin in USB_PINS {
+        port_a().ospeedr().modify(|_, w| w.ospeedr(pin).very_high_speed());
+        port_a().afrh().modify(|_, w| w.afr(pin - 8).set(USB_FUNCTION));
+        port_a().moder().modify(|_, w| w.moder(pin).alternate());
+    }
+}
+
+/// Alternate function of TIM2 (data sheets, *Alternate function mapping*).
+#[cfg(not(feature = "qemu"))]
+const CAPTURE_FUNCTION: u8 = 1;
+
+/// Connects the pin of this input to the timer that captures; its level can be read as before.
+#[cfg(not(feature = "qemu"))]
+pub(super) fn connect_capture(input: u8) {
+    let Some(&(port, pin)) = INPUT_PINS.get(usize::from(input)) else { return };
+    match (port, pin) {
+        (Port::A, 0..8) => {
+            port_a().afrl().modify(|_, w| w.afr(pin).set(CAPTURE_FUNCTION));
+            port_a().moder().modify(|_, w| w.moder(pin).alternate());
+        }
+        (Port::A, _) => {
+            port_a().afrh().modify(|_, w| w.afr(pin - 8).set(CAPTURE_FUNCTION));
+            port_a().moder().modify(|_, w| w.moder(pin).alternate());
+        }
+        (Port::B, 0..8) => {
+            port_b().afrl().modify(|_, w| w.afr(pin).set(CAPTURE_FUNCTION));
+            port_b().moder().modify(|_, w| w.moder(pin).alternate());
+        }
+        // no such pin is one of the timer's
+        (Port::B | Port::C, _) => {}
+    }
+}
+
+/// Disconnects the pin of this input from the timer.
+#[cfg(not(feature = "qemu"))]
+pub(super) fn disconnect_capture(input: u8) {
+    match INPUT_PINS.get(usize::from(input)) {
+        Some(&(Port::A, pin)) => port_a().moder().modify(|_, w| w.moder(pin).input()),
+        Some(&(Port::B, pin)) => port_b().moder().modify(|_, w| w.moder(pin).input()),
+        Some((Port::C, _)) | None => 0,
+    };
 }
 
 /// Returns the levels of the inputs, one bit each. QEMU's ports read as zero.

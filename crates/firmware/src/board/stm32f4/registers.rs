@@ -4,9 +4,13 @@
 //! the width of every field; registers without such a method are accessed by a single store or load here.
 #![allow(unsafe_code)]
 
+#[cfg(not(feature = "qemu"))]
+use core::sync::atomic::{AtomicU32, Ordering};
+
 use cortex_m::peripheral::NVIC;
 
 use super::chip;
+use retrace_firmware::stm32f4::usb_otg::registers::OtgRegisters;
 #[cfg(not(feature = "qemu"))]
 use retrace_firmware::stm32f4::{period::BUFFER_SLOTS, step_filler::SlotBuffer};
 
@@ -46,11 +50,15 @@ blocks! {
     /// The timer of the slots.
     #[cfg(not(feature = "qemu"))]
     tim1: TIM1, chip::tim1::RegisterBlock;
+    /// The timer that counts the slots and captures the edge of the probe; in QEMU the clock of microseconds.
+    tim2: TIM2, chip::tim2::RegisterBlock;
+    /// The DMA of the captured edge.
+    #[cfg(not(feature = "qemu"))]
+    dma1: DMA1, chip::dma1::RegisterBlock;
     /// The DMA of the steps.
     #[cfg(not(feature = "qemu"))]
     dma2: DMA2, chip::dma2::RegisterBlock;
-    /// The timer that takes the DMA's place in QEMU.
-    #[cfg(feature = "qemu")]
+    /// The clock of microseconds; in QEMU the timer that takes the DMA's place.
     tim5: TIM5, chip::tim5::RegisterBlock;
 }
 
@@ -127,11 +135,92 @@ pub(crate) fn end_of_step_buffer() -> usize {
     usize::from(dma2().st(step_stream::NUMBER).cr().read().bits() & step_stream::CURRENT != 0)
 }
 
-/// Sets the main PLL's divider `m` (2 … 63) and multiplier `n` (50 … 432), while it is off.
+/// Stream of DMA1 with the requests of TIM2's channel 1 (RM0090 and RM0368, table of the requests of DMA1), all its
+/// flags, and its control: channel 3, 32 bits at both ends, to memory, once.
 #[cfg(not(feature = "qemu"))]
-pub(crate) fn set_pll_factors(m: u8, n: u16) {
-    // SAFETY: the fields take 6 and 9 bits, which these fill; the clock's table keeps to the ranges of RM0090, 7.3.2.
-    rcc().pllcfgr().modify(|_, w| unsafe { w.pllm().bits(m).plln().bits(n) });
+mod edge_stream {
+    pub(super) const NUMBER: usize = 5;
+    pub(super) const FLAGS: u32 = 0b11_1101 << 6;
+    pub(super) const CONTROL: u32 = 3 << 25 | 0b10 << 16 | 0b10 << 13 | 0b10 << 11;
+    pub(super) const ENABLED: u32 = 1;
+}
+
+/// Count of the slots at the first edge. The DMA writes it.
+#[cfg(not(feature = "qemu"))]
+static EDGE: AtomicU32 = AtomicU32::new(0);
+
+/// Lets the DMA fetch the count of the next edge.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn start_edge_stream() {
+    rcc().ahb1enr().modify(|_, w| w.dma1en().enabled());
+    // as for the DMA of the steps
+    let _ = rcc().ahb1enr().read();
+    let stream = dma1().st(edge_stream::NUMBER);
+    let count = tim2().ccr1().as_ptr().expose_provenance() as u32;
+    // SAFETY: the stream reads a register of the timer and writes one word, which is atomic and never ends.
+    unsafe {
+        stream.par().write(|w| w.bits(count));
+        stream.m0ar().write(|w| w.bits(EDGE.as_ptr().expose_provenance() as u32));
+        stream.ndtr().write(|w| w.bits(1));
+        dma1().hifcr().write(|w| w.bits(edge_stream::FLAGS));
+        stream.cr().write(|w| w.bits(edge_stream::CONTROL | edge_stream::ENABLED));
+    }
+    tim2().dier().write(|w| w.cc1de().enabled());
+}
+
+/// Lets the DMA fetch no count; an edge that was captured meanwhile is dropped.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn stop_edge_stream() {
+    let stream = dma1().st(edge_stream::NUMBER);
+    // SAFETY: as for the start.
+    stream.cr().write(|w| unsafe { w.bits(edge_stream::CONTROL) });
+    let _ = (0..100).any(|_| stream.cr().read().bits() & edge_stream::ENABLED == 0);
+    tim2().dier().reset();
+    tim2().sr().reset();
+}
+
+/// Returns the count of the slots at the first edge, if there was one: the stream has ended.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn fetched_edge() -> Option<u32> {
+    let ended = dma1().st(edge_stream::NUMBER).cr().read().bits() & edge_stream::ENABLED == 0;
+    ended.then(|| EDGE.load(Ordering::Acquire))
+}
+
+/// Sets the main PLL's dividers `m` (2 … 63) and `q` (2 … 15), and its multiplier `n` (50 … 432), while it is off.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn set_pll_factors(m: u8, n: u16, q: u8) {
+    // SAFETY: the fields take 6, 9 and 4 bits, which these fill; the clock's table keeps to the ranges of
+    // RM0090, 7.3.2.
+    rcc().pllcfgr().modify(|_, w| unsafe { w.pllm().bits(m).plln().bits(n).pllq().bits(q) });
+}
+
+/// The registers of the USB controller.
+pub(crate) struct OtgFs(());
+
+/// Where they begin (RM0090 and RM0368, *Memory map*).
+const OTG_FS_BEGINS: usize = 0x5000_0000;
+
+impl OtgFs {
+    /// Starts the controller's clock.
+    pub(crate) fn start() -> Self {
+        rcc().ahb2enr().modify(|_, w| w.otgfsen().enabled());
+        let _ = rcc().ahb2enr().read();
+        Self(())
+    }
+}
+
+impl OtgRegisters for OtgFs {
+    fn read(&self, offset: u32) -> u32 {
+        let address = OTG_FS_BEGINS + offset as usize;
+        // SAFETY: an offset is that of a register or a queue of the controller, aligned; the main loop alone uses it.
+        unsafe { core::ptr::with_exposed_provenance::<u32>(address).read_volatile() }
+    }
+
+    fn write(&self, offset: u32, value: u32) {
+        let address = OTG_FS_BEGINS + offset as usize;
+        // SAFETY: as for a read; the controller accesses no memory but its own.
+        unsafe { core::ptr::with_exposed_provenance_mut::<u32>(address).write_volatile(value) }
+    }
 }
 
 /// Unmasks an interrupt.

@@ -60,5 +60,36 @@ fn USART1() {
         if status.rxne().bit() && !RECEIVED.push(byte) {
             increment(&DIAGNOSTICS.lost_bytes);
         }
+        #[cfg(feature = "qemu")]
+        bit_rate::byte_received();
+    }
+}
+
+/// The bit rate of QEMU's line, which has none: a host that is ahead of the emulated time could send any number of
+/// bytes at once.
+#[cfg(feature = "qemu")]
+pub(super) mod bit_rate {
+    use core::sync::atomic::{AtomicU32, Ordering};
+
+    use super::{BAUD, usart1};
+
+    /// Bytes of ten bits that the line brings while a step buffer of 250 µs is played.
+    const BYTES: u32 = BAUD / 10 / 4000;
+
+    static RECEIVED: AtomicU32 = AtomicU32::new(0);
+
+    /// A byte was received: behind the last one for this time, the next one waits in QEMU.
+    pub(super) fn byte_received() {
+        let received = RECEIVED.load(Ordering::Relaxed) + 1;
+        RECEIVED.store(received, Ordering::Relaxed);
+        if received >= BYTES {
+            usart1().cr1().modify(|_, w| w.rxneie().disabled());
+        }
+    }
+
+    /// Another step buffer is played.
+    pub(in super::super) fn buffer_played() {
+        RECEIVED.store(0, Ordering::Relaxed);
+        usart1().cr1().modify(|_, w| w.rxneie().enabled());
     }
 }

@@ -35,6 +35,7 @@ mod stream {
     use super::*;
     use crate::board::stm32f4::clock::RATES;
     use crate::board::stm32f4::registers::{self, tim1};
+    use crate::board::stm32f4::slot_counter;
     use retrace_firmware::stm32f4::period::SLOT_HZ;
 
     /// Starts the slots; nothing moves before there is a batch.
@@ -46,6 +47,7 @@ mod stream {
         // as for the DMA
         let _ = registers::rcc().apb2enr().read();
         tim1().arr().write(|w| w.arr().set((RATES.slot_timer / SLOT_HZ - 1) as u16));
+        slot_counter::start(RATES.slot_timer / SLOT_HZ);
         tim1().dier().write(|w| w.ude().enabled());
         tim1().cr1().write(|w| w.cen().enabled());
     }
@@ -85,6 +87,7 @@ mod stream {
     use super::*;
     use crate::board::stm32f4::clock::RATES;
     use crate::board::stm32f4::registers::{rcc, tim5};
+    use crate::board::stm32f4::serial;
     use retrace_firmware::stm32f4::period::{BUFFER_SLOTS, SLOT_HZ};
     use retrace_firmware::stm32f4::port_counter::PortCounter;
 
@@ -107,6 +110,7 @@ mod stream {
         static mut FILLER: StepFiller = StepFiller::new();
         static mut COUNTER: PortCounter = PortCounter::new();
         tim5().sr().write(|w| w.uif().clear_bit());
+        serial::bit_rate::buffer_played();
         let entered = stopwatch::now();
         FILLER.fill(&BUFFERS[0], &ORDERS);
         DIAGNOSTICS.record_interrupt(stopwatch::between(entered, stopwatch::now()));

@@ -5,13 +5,13 @@ use retrace_link::CommandRefusal;
 
 /// A stretch in which a rate acts on the spindle. Counts are those of the place in every period, and in the straight
 /// part they lie on the one helix through the start at the index.
-struct HeldBench {
-    bench: Bench,
+pub(super) struct HeldBench {
+    pub(super) bench: Bench,
     start: GearStart,
-    worst: f64,
+    pub(super) worst: f64,
     deepest: i64,
-    /// Whether the spindle is turned by hand, and the cursor does not follow.
-    is_turned_away: bool,
+    /// Whether the cursor does not follow the spindle: it is turned by hand, or the tool is free.
+    pub(super) is_turned_away: bool,
 }
 
 /// Turns behind the turn of a tap.
@@ -26,34 +26,38 @@ impl HeldBench {
         Self::with(bench, SpindleControl::Tap(records))
     }
 
-    fn with(bench: Bench, control: SpindleControl) -> Self {
+    pub(super) fn with(bench: Bench, control: SpindleControl) -> Self {
         let reverse_share = if control == SpindleControl::Held { 77 } else { 1 << 8 };
         let start = GearStart { reverse_share, control, ..bench.start() };
         Self { bench, start, worst: 0.0, deepest: 0, is_turned_away: false }
     }
 
-    fn begin(&mut self, direction: i32) {
+    pub(super) fn begin(&mut self, direction: i32) {
         self.bench.begin_with(direction, self.start);
     }
 
-    fn request(&mut self, rate: Rate) {
+    pub(super) fn request(&mut self, rate: Rate) {
         self.bench.card.send(HostCommand::rate(rate)).expect("a rate");
     }
 
     /// Sends the records behind of a cursor that goes back.
     fn send_behind(&mut self) {
-        while self.bench.card.status().rate < Rate::ZERO && self.bench.card.status().low.number() > 0 {
-            let place = self.bench.card.status().low - 1;
-            let increments = [self.bench.increments[place.number() as usize]];
-            let record = Record { increments, flags: Flags::GEARED, line: 1, ..Record::default() };
-            if self.bench.card.send(HostCommand::Behind { place, record, rests: place.number() == 0 }).is_err() {
-                break;
-            }
-        }
+        while self.bench.card.status().rate < Rate::ZERO
+            && self.bench.card.status().low.number() > 0
+            && self.send_one_behind()
+        {}
+    }
+
+    /// Sends a record behind; returns false where there is no room.
+    fn send_one_behind(&mut self) -> bool {
+        let place = self.bench.card.status().low - 1;
+        let increments = [self.bench.increments[place.number() as usize]];
+        let record = Record { increments, flags: Flags::GEARED, line: 1, ..Record::default() };
+        self.bench.card.send(HostCommand::Behind { place, record, rests: place.number() == 0 }).is_ok()
     }
 
     /// Runs a period, and checks it.
-    fn period(&mut self) -> Result<(), SimCardError> {
+    pub(super) fn period(&mut self) -> Result<(), SimCardError> {
         self.send_behind();
         let place = self.bench.card.status().place.record.number() as usize;
         let (z, angle) = self.bench.period()?;
@@ -68,12 +72,28 @@ impl HeldBench {
         Ok(())
     }
 
+    /// Sends records of the stretch behind of a cursor at its end.
+    pub(super) fn send_all_behind(&mut self) {
+        while self.bench.card.status().low.number() > 0 && self.send_one_behind() {}
+    }
+
+    /// Runs behind the stretch, where no helix is checked.
+    pub(super) fn run_to(&mut self, is_so: impl Fn(&retrace_link::CardStatus<1>) -> bool) {
+        for _ in 0..20_000 {
+            self.bench.card.run_period().expect("no alarm");
+            if is_so(self.bench.card.status()) {
+                return;
+            }
+        }
+        panic!("it does not come: {:?}", self.bench.card.status());
+    }
+
     /// Direction in which the stretch is passed forward.
     fn direction(&self) -> i32 {
         if self.bench.is_left { -1 } else { 1 }
     }
 
-    fn run_until(&mut self, is_so: impl Fn(&retrace_link::CardStatus<1>) -> bool) {
+    pub(super) fn run_until(&mut self, is_so: impl Fn(&retrace_link::CardStatus<1>) -> bool) {
         for _ in 0..120_000 {
             self.period().expect("no alarm");
             if is_so(self.bench.card.status()) {
@@ -83,7 +103,7 @@ impl HeldBench {
         panic!("it does not come: {:?}", self.bench.card.status());
     }
 
-    fn spindle(&mut self) -> &mut retrace_hal_sim::SpindlePlant {
+    pub(super) fn spindle(&mut self) -> &mut retrace_hal_sim::SpindlePlant {
         self.bench.card.machine().spindle().expect("a spindle")
     }
 
@@ -97,7 +117,7 @@ impl HeldBench {
         self.is_turned_away = false;
     }
 
-    fn outputs(&self) -> [i32; 2] {
+    pub(super) fn outputs(&self) -> [i32; 2] {
         [channel::SPINDLE, channel::SPEED].map(|number| self.bench.card.status().outputs[usize::from(number)])
     }
 
@@ -123,7 +143,7 @@ impl HeldBench {
 
 /// Bound of the distance from the groove, in pulses of 1 µm: near standstill edges are rare, and the angle between them
 /// is known to some counts only.
-fn groove_bound(case: &ThreadCase) -> f64 {
+pub(super) fn groove_bound(case: &ThreadCase) -> f64 {
     1.0 + 4.0 * case.pitch / f64::from(case.counts)
 }
 

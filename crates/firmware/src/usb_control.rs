@@ -6,7 +6,10 @@
 pub const PACKET: usize = 64;
 /// Endpoints of the line's bytes, to the host and from it, and of notifications, of which there are none.
 pub const DATA_ENDPOINT: u8 = 1;
-const NOTIFICATION_ENDPOINT: u8 = 2;
+/// See [`DATA_ENDPOINT`].
+pub const NOTIFICATION_ENDPOINT: u8 = 2;
+/// Largest packet of notifications.
+pub const NOTIFICATION_PACKET: usize = 8;
 /// Address bit of an endpoint to the host.
 pub const TO_HOST: u8 = 0x80;
 
@@ -51,7 +54,7 @@ const CONFIGURATION: [u8; 67] = [
     5, 0x24, 1, 0, 1,
     4, 0x24, 2, 2,
     5, 0x24, 6, 0, 1,
-    7, 5, TO_HOST | NOTIFICATION_ENDPOINT, 3, 8, 0, 255,
+    7, 5, TO_HOST | NOTIFICATION_ENDPOINT, 3, NOTIFICATION_PACKET as u8, 0, 255,
     9, 4, 1, 0, 2, 10, 0, 0, 0,
     7, 5, DATA_ENDPOINT, 2, PACKET as u8, 0, 0,
     7, 5, TO_HOST | DATA_ENDPOINT, 2, PACKET as u8, 0, 0,
