@@ -15,6 +15,11 @@ const MAX_MARKS = 7;
 const SCALE_MS = 250;
 const MARK_PIXELS = 72;
 
+/** Whether the machine follows the counts of the handwheel. */
+function followsWheel(state) {
+  return state?.mode === 'wheel' && state.hold_reason !== 'hold';
+}
+
 /** Scrubber. `pathView` has the lengths of the path and shows the ghost. */
 export class Scrubber {
   constructor(place, store, orders, actions, pathView) {
@@ -113,7 +118,7 @@ export class Scrubber {
 
   /** Turns single counts, in the mode of the handwheel. */
   turn(counts) {
-    if (this.store.state?.mode === 'wheel') this.orders.turnWheel(counts);
+    if (followsWheel(this.store.state)) this.orders.turnWheel(counts);
     else this.hint();
   }
 
@@ -127,7 +132,7 @@ export class Scrubber {
 
   beginDrag() {
     const { store } = this,
-      isWheel = store.state?.mode === 'wheel';
+      isWheel = followsWheel(store.state);
     if (!store.live || !store.isHolder || !(isWheel || store.allows('wheel'))) {
       this.pressed = null;
       if (store.isLive && !store.isHolder)
@@ -139,6 +144,7 @@ export class Scrubber {
     // The bar keeps its ends during a drag, so that the ghost stays under the finger.
     this.held = this.ends();
     this.fraction = 0;
+    this.hadWheel = false;
     if (!isWheel)
       this.orders.send('wheel').then(isDone => {
         if (!isDone) this.letGo();
@@ -161,11 +167,14 @@ export class Scrubber {
   /** Sends the counts of one tick toward the ghost. */
   follow() {
     const { live, hello, state, isHolder } = this.store;
-    if (!isHolder) {
+    const isWheel = followsWheel(state);
+    // What holds the motion, or ends the mode of the handwheel, ends the drag: the finger has to take the bar again.
+    if (!isHolder || (this.hadWheel && !isWheel)) {
       this.letGo();
       return;
     }
-    if (this.ghostRecord === null || state?.mode !== 'wheel') return;
+    this.hadWheel = isWheel;
+    if (this.ghostRecord === null || !isWheel) return;
     const { seconds_per_count: secondsPerCount, max_counts_per_s: maxCounts } = hello.machine.wheel;
     const gap =
       (Math.min(Math.max(this.ghostRecord, live.oldest), live.reached) - live.record) * hello.machine.period_s;
@@ -207,7 +216,7 @@ export class Scrubber {
       { live } = this.store;
     setOff(this.back, !['back-by', 'back-block', 'back-jet'].some(id => actions.isPossible(id)));
     setOff(this.leave, !actions.isPossible('leave'));
-    const mayDrag = this.store.isHolder && live && (this.store.state?.mode === 'wheel' || this.store.allows('wheel'));
+    const mayDrag = this.store.isHolder && live && (followsWheel(this.store.state) || this.store.allows('wheel'));
     this.track.setAttribute('aria-disabled', mayDrag ? 'false' : 'true');
   }
 

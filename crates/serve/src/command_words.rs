@@ -110,6 +110,10 @@ pub(crate) fn axis(text: &str, model: &ScreenModel) -> Result<char, NumberedErro
 /// Whether a command may start motion, so that the operator must have seen the present state.
 pub(crate) fn starts_motion(order: &Order) -> bool {
     let Order::Command(command) = order else { return true };
+    if let UiCommand::Job(OperatorCommand::Wheel { counts_per_s, .. }) = command {
+        // Taking the handwheel stops the motion, and nothing moves until it is turned.
+        return *counts_per_s != 0.0;
+    }
     !matches!(
         command,
         UiCommand::CutterOff
@@ -233,6 +237,9 @@ mod tests {
             ("stop", false),
             ("cutter off", false),
             ("override 50%", false),
+            ("wheel", false),
+            ("wheel 0 for 0s", false),
+            ("wheel -120 for 2s", true),
             ("cycle start", true),
             ("reverse 100%", true),
             ("recover", true),

@@ -6,13 +6,13 @@ use retrace_tests::command::Bench;
 use retrace_tests::page_user::Screen;
 use serde_json::Value;
 
-use super::{Machine, browser, in_control, serve, zigzag};
+use super::{Machine, browser, in_control, pause, serve, zigzag};
 
 /// Greatest distance of a position from the path: a pulse of an axis and rounding.
 const TOLERANCE_MM: f64 = 0.02;
 
-/// Rows of the job: 122 mm each two.
-const ROWS: u32 = 8;
+/// Rows of the job: 122 mm each two. It has to run for long enough that a slow computer takes the bar before its end.
+const ROWS: u32 = 24;
 
 /// Distance of a place from the zigzag, mm: from the row that is nearest, or from the end of the row below.
 fn off_path_mm(report: &Value) -> f64 {
@@ -32,7 +32,7 @@ fn watch(machine: &Machine<'_>, what: &str, is_so: impl Fn(&Value) -> bool) -> V
     })
 }
 
-/// The main thing: a job of 488 mm, dragged back by more than 200 mm and forward again, by touch and by mouse.
+/// The main thing: a job of 1464 mm, dragged back by more than 200 mm and forward again, by touch and by mouse.
 #[test]
 fn the_path_is_dragged_back_and_forward() {
     let Some(mut browser) = browser() else { return };
@@ -73,6 +73,38 @@ fn the_path_is_dragged_back_and_forward() {
         assert_eq!((&end["live"]["mm"][0], &end["live"]["mm"][1]), (&0.0.into(), &f64::from(ROWS).into()), "{end:#}");
         assert_eq!(end["live"]["record"].as_f64(), end["live"]["reached"].as_f64());
     }
+}
+
+/// A hold ends a drag: the machine stands though the finger moves on, and follows once it has taken the bar again.
+#[test]
+fn a_hold_ends_the_drag() {
+    let Some(mut browser) = browser() else { return };
+    let bench = Bench::new();
+    let server = serve(&bench, &zigzag(ROWS), &[]);
+    let machine = Machine::new(&server);
+    let mut user = in_control(&mut browser, &server, Screen::TABLET);
+    user.tap(".motion.start", "");
+    machine.wait("300 mm", |report| report["live"]["history_mm"].as_f64() > Some(300.0));
+    let track = user.find(".track", "");
+    let at = |share: f64| (track.corner.0 + track.size.0 * share, track.middle.1);
+    user.press(at(0.8));
+    user.drag(at(0.8), at(0.4));
+    machine.wait("50 mm back", |report| report["live"]["back_mm"].as_f64() > Some(50.0));
+    user.key(" ");
+    machine.wait("the hold", |report| report["state"]["hold_reason"] == "hold");
+    let stood = machine.wait_for_rest();
+    user.wait("document.querySelector('.track-ghost').hidden");
+    // The finger is still on the bar.
+    user.drag(at(0.4), at(0.1));
+    pause(Duration::from_millis(500));
+    assert_eq!(machine.wait_for_rest()["live"]["record"], stood["live"]["record"]);
+    user.release(at(0.1));
+    user.press(at(0.4));
+    user.drag(at(0.4), at(0.1));
+    let back = stood["live"]["back_mm"].as_f64();
+    machine.wait("motion backward", |report| report["live"]["back_mm"].as_f64() > back);
+    user.release(at(0.1));
+    machine.wait_for_rest();
 }
 
 /// As a new user would: from the demonstration to a first retrace, with no text but the page's own.

@@ -2,7 +2,7 @@
 //!
 //! Invariant: the requested place is compared with a plain run, never with the code that searched it.
 
-use retrace_controller::{CommandError, EventKind};
+use retrace_controller::{CommandError, Event, EventKind, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::MotionCard;
@@ -132,4 +132,24 @@ fn the_wheel_says_when_it_has_come_forward_to_its_end() {
         wheel 100 for 2s\nafter 1s leave\n";
     let (_, log) = complete(&machine, CUT, script);
     assert_eq!(log.count(|h| *h == EventKind::HistoryEndReached), 2);
+}
+
+/// A handwheel that is held is taken again by the word that took it: the machine follows its counts again.
+#[test]
+fn a_held_handwheel_is_taken_again() {
+    let machine = machine(600.0);
+    let program = "G21 G90 G64 P0.05\nG1 X40 F1500\nG1 Y40\nG1 X0\nM2\n";
+    let (plain, _) = complete(&machine, program, "");
+    let script = "at line 3 wheel -50 for 0.5s\nafter 0.2s hold\nafter 0.8s wheel -50 for 0.5s\nafter 1s leave\n";
+    let (end, log) = complete(&machine, program, script);
+    assert_eq!(end.card.status().counts, plain.card.status().counts);
+    let at = |is: fn(&OperatorCommand) -> bool| {
+        let of = |event: &Event| if let EventKind::Operator(command) = &event.kind { is(command) } else { false };
+        log.events.iter().rfind(|event| of(event)).expect("it was ordered").period as usize
+    };
+    let [taken, left] = [
+        at(|word| matches!(word, OperatorCommand::Wheel { .. })),
+        at(|word| matches!(word, OperatorCommand::Leave { .. })),
+    ];
+    assert_ne!(log.periods[taken].counts, log.periods[left].counts);
 }
