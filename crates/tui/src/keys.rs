@@ -246,7 +246,8 @@ impl Situation {
             (ScreenStage::Job, _) if model.hold_reason == HoldReason::Paused || model.pause.is_some() => Self::Paused,
             (ScreenStage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
             (ScreenStage::Job, Mode::Run) => Self::Run,
-            (ScreenStage::Job, Mode::Wheel) => Self::Wheel,
+            // A handwheel that is held moves nothing until it is taken again.
+            (ScreenStage::Job, Mode::Wheel) if model.hold_reason != HoldReason::Hold => Self::Wheel,
             (ScreenStage::Job, _) => Self::Retrace,
         }
     }
@@ -475,6 +476,20 @@ mod tests {
     fn a_hold_is_one_key_away_wherever_something_may_move() {
         for situation in Situation::ALL.into_iter().filter(|&s| s != Situation::Ended) {
             assert_eq!(row_of(Key::Char(' '), situation).map(|row| row.action), Some(KeyAction::Hold));
+        }
+    }
+
+    #[test]
+    fn a_held_handwheel_is_taken_again_by_its_key() {
+        let machine = retrace_config::MachineConfig::built_in().expect("valid");
+        let mut model = ScreenModel::new(std::sync::Arc::new(crate::ProgramFacts::of(&machine, "a.ngc", "")));
+        (model.stage, model.mode) = (ScreenStage::Job, Mode::Wheel);
+        for (hold_reason, taken, turned) in
+            [(HoldReason::None, None, Some(KeyAction::Turn)), (HoldReason::Hold, Some(KeyAction::Wheel), None)]
+        {
+            model.hold_reason = hold_reason;
+            let action = |key| row_of(key, Situation::of(&model)).map(|row| row.action);
+            assert_eq!([action(Key::Char('w')), action(Key::Left)], [taken, turned], "{hold_reason:?}");
         }
     }
 }

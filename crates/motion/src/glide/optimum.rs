@@ -48,6 +48,8 @@ const UNIT: f64 = 0.01;
 const STOPS_WITHIN: f64 = 0.8;
 /// Share of the jerk with which a track that continues can still come to rest within its length.
 const GENTLE: f64 = 0.6;
+/// A row of which no step uses more than this share is left out.
+const NEVER_TIGHT: f64 = 0.999;
 /// Distance of the programs from what must stay below 0, so that their points converge from the allowed side.
 const WALL_MARGIN: f64 = 0.006;
 
@@ -229,16 +231,25 @@ impl Optimiser {
         self.program.clear(unknown + 2);
         let mut row = [0.0; COLUMNS];
         let row = &mut row[..unknown + 2];
+        let bounds = self.bounds(x, trust);
         for (coefficients, most) in &self.rows {
-            let used: f64 = coefficients.iter().zip(x).map(|(c, x)| c * x).sum();
+            let free = most - coefficients.iter().zip(x).map(|(c, x)| c * x).sum::<f64>();
+            // A row that no step makes tight takes time and changes nothing.
+            let used: f64 =
+                coefficients.iter().zip(bounds).map(|(c, [least, most])| f64::max(c * least, c * most)).sum();
+            if used < NEVER_TIGHT * free {
+                continue;
+            }
             row[..unknown].copy_from_slice(&coefficients[..unknown]);
-            self.program.row(row, most - used);
+            self.program.row(row, free);
         }
         row.fill(0.0);
         for k in 0..unknown {
-            for sign in [1.0, -1.0] {
+            for (sign, bound) in [(1.0, bounds[k][1]), (-1.0, -bounds[k][0])] {
                 row[k] = sign;
-                self.program.row(row, trust);
+                if bound >= NEVER_TIGHT * trust {
+                    self.program.row(row, trust);
+                }
             }
             row[k] = 0.0;
         }
@@ -265,6 +276,24 @@ impl Optimiser {
         let mut z = [0.0; COLUMNS];
         self.program.maximise(&cost[..unknown + 2], &mut z[..unknown + 2]);
         (z, -(z[unknown] + z[unknown + 1]))
+    }
+
+    /// Least and greatest step of each jerk: within the trust region, and within the limits of that jerk alone.
+    fn bounds(&self, x: &[f64; UNKNOWN], trust: f64) -> [[f64; 2]; UNKNOWN] {
+        let mut bounds = [[-trust, trust]; UNKNOWN];
+        for (coefficients, most) in &self.rows {
+            let mut own = coefficients.iter().enumerate().filter(|(_, c)| **c != 0.0);
+            if let (Some((k, c)), None) = (own.next(), own.next()) {
+                let bound = (most - c * x[k]).max(0.0) / c;
+                let [least, most] = &mut bounds[k];
+                if *c > 0.0 {
+                    *most = most.min(bound);
+                } else {
+                    *least = least.max(bound);
+                }
+            }
+        }
+        bounds
     }
 
     /// Removes tangents that are above the time at `x`, which happens where it is not convex, and the oldest.
