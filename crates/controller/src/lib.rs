@@ -65,6 +65,7 @@ mod plan_writer;
 mod planned_path;
 mod planning;
 mod probe_move;
+mod probe_stop;
 mod program_analysis;
 mod question;
 mod read_ahead;

@@ -105,26 +105,6 @@ pub struct ProbeOutcome<const A: usize> {
     pub touched: bool,
 }
 
-/// Highest feed in mm/s along the way from one position to another from which the axes stop within `mm`.
-#[must_use]
-pub(crate) fn highest_feed_mm_s<const A: usize>(
-    machine: &MachineConfig,
-    from: &[f64; A],
-    to: &[f64; A],
-    mm: f64,
-) -> f64 {
-    let way: Vec<f64> = from.iter().zip(to).map(|(from, to)| (to - from).abs()).collect();
-    let length = way.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
-    let along = |of: fn(&retrace_config::AxisConfig) -> f64| {
-        let axes = machine.axes.iter().zip(&way).filter(|(_, way)| **way > 0.0);
-        axes.map(|(axis, way)| of(axis) * length / way).fold(f64::INFINITY, f64::min)
-    };
-    let (acceleration, jerk) = (along(|axis| axis.max_acceleration_mm_per_s2), along(|axis| axis.max_jerk_mm_per_s3));
-    // A stop from v takes v/A + A/J, at half of v in the mean.
-    let ramp_s = acceleration / jerk;
-    acceleration * ((ramp_s * ramp_s + 8.0 * mm / acceleration).sqrt() - ramp_s) / 2.0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -164,12 +144,5 @@ mod tests {
         let all = (0..3).map(|axis| executed.iter().map(|r| i64::from(r.increments[axis])).sum::<i64>());
         assert_eq!(sum.map(Vec::from), Some(all.collect()));
         assert_eq!(executed.len(), 304);
-    }
-
-    #[test]
-    fn the_highest_feed_stops_within_the_way() {
-        let (machine, _) = down();
-        let feed = highest_feed_mm_s(&machine, &[0.0; 3], &[0.0, 0.0, -5.0], 0.3);
-        assert!((feed - 10.0).abs() < 0.1, "0.3 mm from 10 mm/s on the built-in machine: {feed}");
     }
 }

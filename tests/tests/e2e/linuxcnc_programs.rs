@@ -90,9 +90,9 @@ fn the_grids_that_are_probed_are_those_of_the_work() {
     let (smart, count) = if cases(1) > 1 { (installed("smartprobe.ngc"), 51 * 51) } else { (coarse(&bench), 11 * 11) };
     run(&bench, &smart, "", &["--work", boss]);
     assert_touches(&bench, "probe-results.ngc", count, over_boss);
-    let call = "o<rectangle_probe> call [-1] [1] [0.1] [-1] [1] [0.1] [1.1] [-0.1] [20] [20] [0]\nM2\n";
+    let call = "o<rectangle_probe> call [-1] [1] [0.2] [-1] [1] [0.2] [1.1] [-0.1] [20] [20] [0]\nM2\n";
     run(&bench, &bench.file("main.ngc", call), "ngcgui_lib", &["--work", boss]);
-    assert_touches(&bench, "rectangle_probe_result.txt", 21 * 21, over_boss);
+    assert_touches(&bench, "rectangle_probe_result.txt", 11 * 11, over_boss);
 }
 
 /// The bore is 40 mm wide and begins off its centre. The macro of the lathe adds the probe's diameter.
@@ -181,7 +181,7 @@ fn their_check_finds_no_error_and_tells_little() {
     for name in ["gridprobe", "smartprobe", "ngcgui_lib/rectangle_probe", "threading", "g76"] {
         let program = installed(&format!("{name}.ngc"));
         // A subprogram alone is no program.
-        let call = "o<rectangle_probe> call [-1] [1] [0.1] [-1] [1] [0.1] [1.1] [-0.1] [20] [20] [0]\nM2\n";
+        let call = "o<rectangle_probe> call [-1] [1] [0.2] [-1] [1] [0.2] [1.1] [-0.1] [20] [20] [0]\nM2\n";
         let program = if name.contains('/') { bench.file("main.ngc", call) } else { program };
         let [program, subs] = [program.display().to_string(), format!("{PROGRAMS}/ngcgui_lib")];
         let arguments = ["check", &program, "--machine", "m.toml", "--tools", "tools.tbl", "--subs", &subs];

@@ -396,3 +396,39 @@ fn the_example_finds_the_corner_of_its_plate() {
     assert_eq!(result.code, Some(0), "{}{}", result.out, result.err);
     assert_eq!(messages(&result), ["edge at X11.000000, top at Z-4.200000"]);
 }
+
+/// At the highest feed that the check names, the machine comes to rest within the overtravel behind the touch, and
+/// no further than the programmed end.
+#[test]
+fn the_stop_behind_a_touch_is_within_what_the_check_tells() {
+    for (period_ms, acceleration, jerk, overtravel_mm) in
+        [("0.5", 300, 5_000, 0.2), ("1", 1_000, 20_000, 1.0), ("2", 2_000, 20_000, 5.0), ("5", 1_000, 50_000, 0.5)]
+    {
+        let axes = ["x", "y", "z"].map(|name| {
+            format!(
+                "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\n\
+                 max_acceleration_mm_per_s2 = {acceleration}\nmax_jerk_mm_per_s3 = {jerk}\ntravel_mm = [-500, 500]\n"
+            )
+        });
+        let probe = format!("[probe]\novertravel_mm = {overtravel_mm}\n");
+        let machine = format!("control_period_ms = {period_ms}\n{}{probe}{PROBE}", axes.concat());
+        for (end, touch) in [(-50.0, -5.4321), (-5.44, -5.4321)] {
+            let bench = bench(&machine, &format!("G21 G90\nG38.2 Z{end} F6000\nM2\n"));
+            let refused = bench.retrace(["check", "part.ngc", "--machine", "m.toml"]);
+            let told = refused.err.split("at most ").nth(1).and_then(|text| text.split(" mm/min").next());
+            let feed: f64 = told.and_then(|text| text.parse().ok()).unwrap_or_else(|| panic!("{}", refused.err));
+            bench.file("part.ngc", format!("G21 G90\nG38.2 Z{end} F{feed}\nM2\n"));
+            let work = format!("z<{touch}");
+            let arguments = ["run", "part.ngc", "--machine", "m.toml", "--work", &work, "--vcd", "pins.vcd", "--json"];
+            let result = bench.retrace(arguments);
+            assert_eq!(result.code, Some(0), "{}{}", result.out, result.err);
+            let lowest =
+                samples(&bench.path("pins.vcd")).iter().map(|sample| sample.counts[2]).min().unwrap_or_default();
+            let (behind_mm, most_mm) = ((TOUCH - lowest) as f64 / 1000.0, f64::min(overtravel_mm, touch - end));
+            println!("T {period_ms} ms, F{feed} to Z{end}: {behind_mm} mm behind the touch, at most {most_mm:.3}");
+            // A whole pulse on both sides.
+            assert!((-0.001..=most_mm + 0.001).contains(&behind_mm), "{behind_mm} of {most_mm}");
+            assert!(end > -50.0 || behind_mm > 0.15 * overtravel_mm, "{behind_mm}: the check tells what is needed");
+        }
+    }
+}

@@ -10,7 +10,8 @@ use retrace_motion::{FeedRate, PathMode};
 use super::CanonExecutor;
 use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
-use crate::probe_move::{ProbeOutcome, ProbeResult, highest_feed_mm_s};
+use crate::probe_move::{ProbeOutcome, ProbeResult};
+use crate::probe_stop::ProbeStop;
 use crate::question::{InputQuestion, MachineResult, ReadInput};
 
 impl CanonExecutor<'_> {
@@ -35,10 +36,9 @@ impl CanonExecutor<'_> {
             return Err(CanonError::FeedPerTurnInProbing);
         }
         let feed_mm_s = self.feed_mm_min / 60.0;
-        let most = highest_feed_mm_s(self.machine, &self.position::<A>(), &own, probe.overtravel_mm);
-        if feed_mm_s > most {
-            let (overtravel_mm, most_mm_min) = (probe.overtravel_mm, (60.0 * most).floor());
-            return Err(CanonError::ProbeTooFast { overtravel_mm, most_mm_min });
+        let stop = ProbeStop::new(self.machine, &self.position::<A>(), &own);
+        if let Some(most_mm_min) = stop.highest_feed_instead_of(feed_mm_s) {
+            return Err(CanonError::ProbeTooFast { overtravel_mm: probe.overtravel_mm, most_mm_min });
         }
         let Some(outcome) = sink.probe(own, feed_mm_s, probing, line)? else {
             self.forget_probed(&position, sink);
