@@ -43,6 +43,15 @@ impl<'a, const A: usize> ProbeStop<'a, A> {
         Some(fitting)
     }
 
+    /// A share of the way, in counts of the axes; 0 for missing axes.
+    pub(crate) fn counts(&self, share: f64) -> [i64; 9] {
+        let mut counts = [0; 9];
+        for ((counts, mm), axis) in counts.iter_mut().zip(self.way).zip(&self.machine.axes) {
+            *counts = (share * mm * axis.pulses_per_mm).round() as i64;
+        }
+        counts
+    }
+
     fn fits(&self, feed_mm_s: f64) -> bool {
         let overtravel = self.machine.probe.overtravel_mm;
         // What the machine needs wherever it is, is quickly known.
@@ -64,11 +73,7 @@ impl<'a, const A: usize> ProbeStop<'a, A> {
     /// space to stop several times.
     fn longest_stop_mm(&self, feed_mm_s: f64) -> f64 {
         let length = self.way.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
-        let share = f64::min(1.0, 6.0 * self.most_mm(feed_mm_s) / length);
-        let mut to = [0; 9];
-        for ((counts, mm), axis) in to.iter_mut().zip(self.way).zip(&self.machine.axes) {
-            *counts = (share * mm * axis.pulses_per_mm).round() as i64;
-        }
+        let to = self.counts(f64::min(1.0, 6.0 * self.most_mm(feed_mm_s) / length));
         let probing = Probing { away: false, must_trip: true };
         let planned = ProbeMove { from: [0; 9], to, feed_nm_per_s: (feed_mm_s * 1e6) as u64, probing };
         let drive = self.machine.rate_limits().and_then(Drive::<A, AVERAGE>::new);

@@ -107,6 +107,8 @@ pub(crate) struct CanonExecutor<'m> {
     at: Pose,
     /// A tool length that was entered in a pause, where the program's own offset does not include it.
     correction: Option<LengthCorrection>,
+    /// Way in counts and feed in mm/s of the last probing move, which stops soon enough: a program has many alike.
+    fitting_probe: Option<([i64; 9], f64)>,
     /// Whether the next straight move ends at machine coordinates.
     to_machine_coordinates: bool,
     selected_tool: u32,
@@ -164,6 +166,7 @@ impl<'m> CanonExecutor<'m> {
             naive_cam_mm: 0.0,
             at,
             correction: None,
+            fitting_probe: None,
             to_machine_coordinates: false,
             selected_tool: 0,
             is_cutter_forbidden: false,

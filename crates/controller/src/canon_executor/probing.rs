@@ -37,8 +37,12 @@ impl CanonExecutor<'_> {
         }
         let feed_mm_s = self.feed_mm_min / 60.0;
         let stop = ProbeStop::new(self.machine, &self.position::<A>(), &own);
-        if let Some(most_mm_min) = stop.highest_feed_instead_of(feed_mm_s) {
-            return Err(CanonError::ProbeTooFast { overtravel_mm: probe.overtravel_mm, most_mm_min });
+        let asked = Some((stop.counts(1.0), feed_mm_s));
+        if self.fitting_probe != asked {
+            if let Some(most_mm_min) = stop.highest_feed_instead_of(feed_mm_s) {
+                return Err(CanonError::ProbeTooFast { overtravel_mm: probe.overtravel_mm, most_mm_min });
+            }
+            self.fitting_probe = asked;
         }
         let Some(outcome) = sink.probe(own, feed_mm_s, probing, line)? else {
             self.forget_probed(&position, sink);
