@@ -322,3 +322,19 @@ fn at_the_screen_a_contour_of_the_list_is_cut_after_the_end() {
     terminal.keys("q");
     assert_eq!(terminal.wait_for_end(), Some(0));
 }
+
+/// The handwheel is taken in a cut, held, taken again and turned: the cutter goes off once the machine rests, and stays
+/// off whatever the handwheel does.
+#[test]
+fn a_handwheel_that_is_taken_again_leaves_the_cutter_off() {
+    let machine = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n";
+    let script = "at 1.5s wheel 0 for 0s\nafter 0.6s hold\nafter 0.4s wheel -30 for 0.5s\nafter 1s stop\n";
+    let program = "G21 G90\nG0 X5\nM3\nG1 X60 F1200\nM5\nG0 X0\nM2\n";
+    let (_, samples) = retrace_tests::pins::run_with_pins(machine, program, script, &[]);
+    let lit: Vec<bool> = samples.iter().map(|sample| sample.is_on("spindle")).collect();
+    let off = lit.iter().rposition(|&is_lit| is_lit).expect("it was lit");
+    assert_eq!(lit.windows(2).filter(|pair| pair[0] != pair[1]).count(), 2, "on once, off once");
+    // Taken again, it moves backward with the cutter off.
+    let furthest = samples[off].counts[0];
+    assert!(samples[off..].iter().any(|sample| sample.counts[0] < furthest - 1_000), "{furthest}");
+}
