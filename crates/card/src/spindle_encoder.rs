@@ -1,7 +1,8 @@
 //! The encoder of the spindle: counts, index, speed, and the angle that is foreseen (SPN-2 … SPN-4).
 //!
 //! Counts are taken from a counter that wraps, with the moment of its last edge. The angle ahead is a parabola through
-//! the edges of the last 12 ms, by least squares in integers.
+//! the edges of the last 12 ms, or of 8 ms where counts are fine, by least squares in integers; near standstill, through
+//! the last five since it rested.
 //!
 //! Invariant: the count never jumps: what cannot be a step of the counter, or an index at another count than a whole
 //! number of turns, is an error, and the angle is not used from then on.
@@ -38,6 +39,12 @@ pub struct EncoderReading {
 const EDGES: usize = 16;
 /// Edges of this age count for the angle ahead, µs.
 const FIT_US: i64 = 12_000;
+/// Where the spindle turns by [`FINE_COUNTS`] meanwhile, edges of this age, µs: they follow a change of the speed more
+/// closely, and an edge that is off by a tenth of a count matters little.
+const FINE_FIT_US: i64 = 8_000;
+const FINE_COUNTS: i64 = 128;
+/// Where too few for a parabola are as young, so many count, up to the age of rest.
+const PARABOLA_EDGES: usize = 5;
 /// Where too few are as young, older ones count up to this age, µs.
 const OLDEST_US: i64 = 250_000;
 /// Without an edge for this time the next one may be late, µs.
@@ -149,12 +156,24 @@ impl SpindleEncoder {
     }
 
     fn push(&mut self, edge: Edge) {
+        if self.is_first_after_rest(edge) {
+            self.held = 0;
+        }
         if self.held == EDGES {
             self.edges.rotate_left(1);
             self.held -= 1;
         }
         self.edges[self.held] = edge;
         self.held += 1;
+    }
+
+    /// Whether the spindle was at rest since the edge before: the count took long, or three times as long as the one
+    /// before it, more than where it slows down evenly (1 + √2 times).
+    fn is_first_after_rest(&self, edge: Edge) -> bool {
+        let Some([before, last]) = self.edges[..self.held].last_chunk() else { return false };
+        let (us, us_before) = (edge.at_us - last.at_us, last.at_us - before.at_us);
+        let (counts, counts_before) = ((edge.count - last.count).abs(), (last.count - before.count).abs());
+        us > REST_US || us * counts_before > 3 * us_before * counts
     }
 
     /// The first index is the zero of the angle. Every later one has to be a whole number of turns from it.
@@ -187,12 +206,15 @@ impl SpindleEncoder {
         if self.held == 0 { self.now_us } else { self.now_us - self.edges[self.held - 1].at_us }
     }
 
-    /// The edges that count now, oldest first: those of the last 12 ms, and older ones where these are fewer than
-    /// three.
+    /// The edges that count now, oldest first: those of the last 12 ms, or 8 ms, and older ones where these are too few
+    /// for a parabola.
     fn recent_edges(&self) -> &[Edge] {
         let edges = &self.edges[..self.held];
         let from = |age_us: i64| edges.partition_point(|edge| self.now_us - edge.at_us > age_us);
-        &edges[from(FIT_US).min(self.held.saturating_sub(3)).max(from(OLDEST_US))..]
+        let fine = from(FINE_FIT_US);
+        let is_fine = edges[fine..].first().is_some_and(|edge| (edge.count - self.count()).abs() >= FINE_COUNTS);
+        let first = if is_fine { fine } else { from(FIT_US) };
+        &edges[first.min(self.held.saturating_sub(PARABOLA_EDGES)).max(from(OLDEST_US))..]
     }
 
     /// Measured speed in thousandths of a revolution per minute.
@@ -257,7 +279,7 @@ fn fit(edges: &[Edge], now_us: i64, count: i64, ahead_us: i64) -> i64 {
     let line = s[0] * s[2] - s[1] * s[1];
     let parabola =
         s[0] * (s[2] * s[4] - s[3] * s[3]) - s[1] * (s[1] * s[4] - s[2] * s[3]) + s[2] * (s[1] * s[3] - s[2] * s[2]);
-    let is_long = edges.last().zip(edges.first()).is_some_and(|(last, first)| last.at_us - first.at_us > FIT_US);
+    let is_long = edges.last().zip(edges.first()).is_some_and(|(last, first)| last.at_us - first.at_us > REST_US);
     if edges.len() < 4 || parabola <= 0 || is_long {
         if line <= 0 {
             return 0;
@@ -271,6 +293,10 @@ fn fit(edges: &[Edge], now_us: i64, count: i64, ahead_us: i64) -> i64 {
         s[0] * (y[1] * s[4] - s[3] * y[2]) - y[0] * (s[1] * s[4] - s[2] * s[3]) + s[2] * (s[1] * y[2] - y[1] * s[2]);
     let bend =
         s[0] * (s[2] * y[2] - y[1] * s[3]) - s[1] * (s[1] * y[2] - y[1] * s[2]) + y[0] * (s[1] * s[3] - s[2] * s[2]);
+    // A spindle that slows down comes to rest; what turns it back is not foreseen.
+    let last = edges.last().map_or(0, |edge| i128::from(edge.at_us - now_us));
+    let rests = if bend == 0 { ahead } else { -slope / (2 * bend) };
+    let ahead = if rests >= last { ahead.min(rests) } else { ahead };
     rounded((at + slope * ahead + bend * ahead * ahead) * units, parabola)
 }
 

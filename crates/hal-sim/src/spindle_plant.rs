@@ -22,6 +22,8 @@ pub struct SpindleSimulation {
     pub dips: [f64; 3],
     /// Change of the speed once a turn, as a part of it.
     pub ripple: f64,
+    /// How far the edges of the encoder are from where they belong at most, as a part of a count.
+    pub line_error: f64,
 }
 
 impl Default for SpindleSimulation {
@@ -34,6 +36,7 @@ impl Default for SpindleSimulation {
             swing: [0.0; 2],
             dips: [0.0; 3],
             ripple: 0.0,
+            line_error: 0.0,
         }
     }
 }
@@ -181,7 +184,8 @@ impl SpindlePlant {
         // A count is an edge: that of a whole count which was passed last, in the direction of the motion.
         let count = (self.angle * counts).floor() as i64;
         if count != self.last_count {
-            let edge_at = if count > self.last_count { count } else { count + 1 } as f64 / counts;
+            let edge = if count > self.last_count { count } else { count + 1 };
+            let edge_at = (edge as f64 + self.settings.line_error * line_share(edge, counts as i64)) / counts;
             let share = ((edge_at - before) / (self.angle - before)).clamp(0.0, 1.0);
             *edge_ns = (began_us - from_us) * 1000 + (share * us as f64 * 1000.0) as u64;
             self.last_count = count;
@@ -210,6 +214,12 @@ impl SpindlePlant {
         let rate = if self.commanded == 0.0 { self.settings.coasting } else { self.settings.acceleration } / 60.0 * s;
         self.speed += (wanted - self.speed).clamp(-rate, rate);
     }
+}
+
+/// A share from −1 to 1 that belongs to this edge of the encoder's disc, alike in every turn.
+fn line_share(edge: i64, counts: i64) -> f64 {
+    let hash = (edge.rem_euclid(counts) as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
+    hash as f64 / f64::from(1u32 << 31) - 1.0
 }
 
 #[cfg(test)]

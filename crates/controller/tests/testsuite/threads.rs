@@ -100,6 +100,7 @@ const STEADY: SpindleSimulation = SpindleSimulation {
     swing: [0.0; 2],
     dips: [0.0; 3],
     ripple: 0.0,
+    line_error: 0.0,
 };
 
 fn run(machine: &MachineConfig, spindle: SpindleSimulation, program: &str) -> JobEnd<JudgedCard> {
@@ -196,7 +197,7 @@ fn all_passes_of_a_cycle_lie_on_one_helix_at_any_speed() {
         SpindleSimulation { acceleration: 6000.0, swing: [0.05, 1.0], dips: [0.1, 0.15, 0.7], ripple: 0.005, ..STEADY };
     let mut all = Vec::new();
     for (n, rpm) in [800, 640, 960].into_iter().enumerate() {
-        let cycle = "G76 P1.5 Z-25 I-1 J0.2 K0.92 R1.2 Q0 H2";
+        let cycle = "G76 P1.5 Z-25 I-1 J0.1 K0.92 R1.2 Q0 H5";
         let program = format!("G21 G18 G90 G8\nS{rpm} M3\nG0 X10 Z5\n{cycle}\nG0 X20 Z20\nM5\nM2\n");
         let spindle = SpindleSimulation { swing: [0.05, 1.0 + 0.3 * n as f64], ..loaded };
         let end = run(&lathe("at_speed_percent = 20"), spindle, &program);
@@ -207,13 +208,10 @@ fn all_passes_of_a_cycle_lie_on_one_helix_at_any_speed() {
             .card
             .periods
             .windows(2)
-            .filter(|pair| pair[0].gear != GearState::Engaged && pair[1].gear == GearState::Engaged);
-        println!(
-            "S{rpm}: {} passes, {} periods, spread {:.2} µm",
-            passes.count(),
-            phases.len(),
-            spread(&phases) * 1500.0
-        );
+            .filter(|pair| pair[0].gear != GearState::Engaged && pair[1].gear == GearState::Engaged)
+            .count();
+        assert_eq!(passes, 20);
+        println!("S{rpm}: {passes} passes, {} periods, spread {:.2} µm", phases.len(), spread(&phases) * 1500.0);
         all.extend(phases);
     }
     let spread = spread(&all) * 1500.0;
