@@ -7,7 +7,7 @@
 use retrace_core::{Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HomingCommand,
-    HostCommand, LayerMove, MAX_PULSE_US, Outputs, PROTOCOL, ProbeArming, RepeatedInstruction,
+    HostCommand, LayerMove, MAX_PULSE_US, Outputs, PROTOCOL, ProbeArming, RepeatedInstruction, SpeedCurve,
 };
 
 use crate::homing::{HomingEnd, HomingSearch};
@@ -38,6 +38,8 @@ pub struct Card<const A: usize, const W: usize, const M: usize, S = [Record<A>; 
     epoch_required: bool,
     is_open: bool,
     instruction_failed: bool,
+    /// Curve of the output for S; `None` before the host has sent one.
+    speed_curve: Option<SpeedCurve>,
 }
 
 impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
@@ -83,6 +85,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Card<A, W, M, S> {
             epoch_required: false,
             is_open: false,
             instruction_failed: false,
+            speed_curve: None,
         }
     }
 
@@ -199,7 +202,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         let settings = self.settings.as_ref()?.settings();
         let (pwm, status) = (settings.spindle_pwm?, self.player.status());
         let beam_power = settings.cutting.beam_power.map(|_| status.beam_power);
-        Some(PwmSignal { hz: pwm.hz, duty: duty_of(pwm, beam_power, &status.outputs) })
+        Some(PwmSignal { hz: pwm.hz, duty: duty_of(pwm, self.speed_curve.as_ref(), beam_power, &status.outputs) })
     }
 
     /// Runs one period of homing.
@@ -338,6 +341,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
         if self.safety.alarm().is_some() {
             self.player.lock_outputs(settings.safe());
         }
+        self.speed_curve = settings.speed_curve.filter(SpeedCurve::is_valid).or(self.speed_curve);
         self.settings = Some(checked);
         self.epoch_required = false;
         Ok(())
@@ -386,6 +390,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
             HostCommand::Home(order) => self.start_homing(order, axes, most),
             HostCommand::ManualOutput(change) if !self.player.may_switch(change, self.permit_denial()) => {
                 Err(CommandRefusal::Unsupported)
+            }
+            HostCommand::SpeedCurve(curve) if curve.is_valid() && self.identity.has_spindle_pwm => {
+                self.speed_curve = Some(curve);
+                Ok(())
             }
             HostCommand::ManualOutput(_) | HostCommand::Replay { .. } => self.player.accept(command),
             _ if self.epoch_required => Err(CommandRefusal::Unsupported),

@@ -285,7 +285,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
                 self.cancel_start(change);
             }
             HostCommand::ClearAlarm => {}
-            HostCommand::Home(_) => return Err(CommandRefusal::Unsupported),
+            HostCommand::Home(_) | HostCommand::SpeedCurve(_) => return Err(CommandRefusal::Unsupported),
             HostCommand::Restart { last } => self.block_until_repeated(last),
             HostCommand::Repeat(repeated) => self.repeat_instruction(repeated)?,
             HostCommand::ArmProbe(arming) => self.arm_probe(arming)?,

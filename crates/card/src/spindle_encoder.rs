@@ -1,8 +1,8 @@
 //! The encoder of the spindle: counts, index, speed, and the angle that is foreseen (SPN-2 … SPN-4).
 //!
 //! Counts are taken from a counter that wraps, with the moment of its last edge. The angle ahead is a parabola through
-//! the edges of the last 12 ms, or of 8 ms where counts are fine, by least squares in integers; near standstill, through
-//! the last five since it rested.
+//! the edges of the last 12 ms, or of 8 ms where counts are fine, by least squares in integers; near standstill,
+//! through the last five since it rested.
 //!
 //! Invariant: the count never jumps: what cannot be a step of the counter, or an index at another count than a whole
 //! number of turns, is an error, and the angle is not used from then on.

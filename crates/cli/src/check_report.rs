@@ -71,7 +71,8 @@ impl<const A: usize> CheckReport<'_, A> {
         if let Some((most, max_s)) = self.speed_above_limit() {
             let _ = write!(
                 text,
-                "\n  warning: S{most} is above the max_s of card.spindle_pwm, {max_s}: the output stays at 100 %"
+                "\n  warning: S{most} is above the highest of card.spindle_pwm, {max_s}: the output stays as at \
+                 S{max_s}"
             );
         }
         for room in analysis.travel_left() {
@@ -130,7 +131,9 @@ impl<const A: usize> CheckReport<'_, A> {
 
     /// Returns the greatest S and `card.spindle_pwm.max_s`, if S is above it.
     fn speed_above_limit(&self) -> Option<(f64, f64)> {
-        let max_s = f64::from(self.machine.spindle_pwm()?.full_scale) / 1000.0;
+        let card = &self.machine.card;
+        let highest = card.speed_curve.and_then(|curve| curve.points().last().map(|point| point.speed));
+        let max_s = f64::from(highest.or(self.machine.spindle_pwm().map(|pwm| pwm.full_scale))?) / 1000.0;
         let most = self.analysis.speed_rpm?.greatest;
         (most > max_s).then_some((most, max_s))
     }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: settings that were checked here name only inputs, outputs and axes that can exist.
 
-use retrace_link::{InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PWM_HZ, SpindlePwm, channel};
+use retrace_link::{InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, SpeedCurve, SpindlePwm, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -10,6 +10,7 @@ use crate::analog_input::{self, AnalogInput, AnalogInputSection};
 use crate::analog_output::{self, AnalogOutput, AnalogOutputSection};
 use crate::axis::AxisConfig;
 use crate::numbered_error::NumberedError;
+use crate::spindle_pwm_config::SpindlePwmSection;
 use crate::value_range::within;
 
 /// Use of an input.
@@ -53,34 +54,6 @@ impl InputSection {
     /// The probe of the built-in machine: active at low level, so that an open pin is inactive.
     const PROBE: Self = Self { number: 0, used_for: InputMeaning::Probe, axis: None, active_low: true };
 }
-
-/// Output for S, `[card.spindle_pwm]`: the speed of a spindle or the power of a beam, by pulse-width modulation.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct SpindlePwmSection {
-    /// S at a duty cycle of 100 %: the speed of the spindle in revolutions per minute, or the power of the beam.
-    max_s: f64,
-    /// Frequency in Hz.
-    hz: f64,
-}
-
-impl Default for SpindlePwmSection {
-    fn default() -> Self {
-        Self { max_s: 1000.0, hz: 5000.0 }
-    }
-}
-
-impl SpindlePwmSection {
-    fn checked(self) -> Result<SpindlePwm, NumberedError> {
-        within("card.spindle_pwm.max_s", self.max_s, 1.0, 1e6)?;
-        within("card.spindle_pwm.hz", self.hz, f64::from(*PWM_HZ.start()), f64::from(*PWM_HZ.end()))?;
-        // S is sent in thousandths.
-        Ok(SpindlePwm { full_scale: (1000.0 * self.max_s).round() as u32, hz: self.hz.round() as u16 })
-    }
-}
-
-/// Output for S of a beam with `power`, in a machine file without `[card.spindle_pwm]`: the defaults of that section.
-pub(crate) const SPINDLE_PWM_OF_A_BEAM: SpindlePwm = SpindlePwm { full_scale: 1_000_000, hz: 5000 };
 
 /// The motion card, `[card]`.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -140,6 +113,8 @@ pub struct CardConfig {
     pub off_at_fault: Vec<u8>,
     /// Output for S; `None` if the machine file has none.
     pub spindle_pwm: Option<SpindlePwm>,
+    /// Curve of the output for S, if it has one.
+    pub speed_curve: Option<SpeedCurve>,
     /// Analog inputs, in the order of their numbers.
     pub analog_inputs: Vec<AnalogInput>,
     /// Analog outputs, in the order of their numbers. A fault sets each to its safe value.
@@ -213,7 +188,12 @@ impl CardSection {
                 channel::UNWATCHED
             )));
         }
-        let spindle_pwm = self.spindle_pwm.map(SpindlePwmSection::checked).transpose()?;
+        let (spindle_pwm, speed_curve) = self
+            .spindle_pwm
+            .as_ref()
+            .map(SpindlePwmSection::checked)
+            .transpose()?
+            .map_or((None, None), |(pwm, curve)| (Some(pwm), curve));
         let periods = |ms: f64| (ms / period_ms).round().max(1.0);
         Ok(CardConfig {
             watchdog_periods: periods(self.watchdog_ms) as u16,
@@ -226,6 +206,7 @@ impl CardSection {
             declared_inputs,
             off_at_fault,
             spindle_pwm,
+            speed_curve,
             analog_inputs: analog_input::checked(&self.analog_input)?,
             analog_outputs,
         })
@@ -240,7 +221,7 @@ impl CardSection {
             Self { step_pulse_us: self.step_pulse_us, ..usual() },
             Self { direction_setup_us: self.direction_setup_us, ..usual() },
             Self { off_at_fault: self.off_at_fault.clone(), ..usual() },
-            Self { spindle_pwm: self.spindle_pwm, ..usual() },
+            Self { spindle_pwm: self.spindle_pwm.clone(), ..usual() },
         ];
         parts.extend(self.inverted_axes.iter().map(|&axis| Self { inverted_axes: vec![axis], ..usual() }));
         parts.extend(self.analog_input.iter().map(|one| Self { analog_input: vec![one.clone()], ..usual() }));
@@ -322,24 +303,6 @@ mod tests {
         assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));
         let off = [4, channel::SPINDLE].map(|channel| OutputChange { channel, value: 0 });
         assert_eq!(settings.safe(), off);
-    }
-
-    #[test]
-    fn the_output_for_s_is_used_where_it_is_asked_for_or_a_beam_has_a_power() {
-        let told = |text: &str| {
-            machine(text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(0))).spindle_pwm
-        };
-        assert_eq!(told(""), None);
-        assert_eq!(
-            told("[card.spindle_pwm]\nmax_s = 24000\nhz = 1000\n"),
-            Some(SpindlePwm { full_scale: 24_000_000, hz: 1000 })
-        );
-        assert_eq!(told("[card.spindle_pwm]\n"), Some(SPINDLE_PWM_OF_A_BEAM));
-        let beam = "[[cutter]]\nname = \"laser\"\nkind = \"beam\"\nfire = 64\npower = {}\n";
-        assert_eq!(told(beam), Some(SPINDLE_PWM_OF_A_BEAM));
-        for wrong in ["max_s = 0.5", "hz = 99", "hz = 50001", "max_s = nan", "duty = 1"] {
-            assert!(machine(&format!("[card.spindle_pwm]\n{wrong}\n")).is_err(), "{wrong}");
-        }
     }
 
     #[test]

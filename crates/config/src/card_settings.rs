@@ -48,6 +48,7 @@ impl MachineConfig {
             ),
             layer: self.tool_layer().map(|layer| layer.settings(self.period_s())),
             spindle_pwm: self.spindle_pwm(),
+            speed_curve: self.card.speed_curve,
             spindle: self.encoder.map(|encoder| encoder.settings),
             ..CardSettings::new(0, start, self.period_us, limits)
         };

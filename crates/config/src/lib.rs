@@ -63,6 +63,7 @@ mod serial;
 mod sheet_contacts;
 mod sheet_sensing;
 mod spindle_config;
+mod spindle_pwm_config;
 mod spindle_settings;
 mod switching;
 mod tool_change_config;

@@ -12,7 +12,7 @@ use retrace_motion::{Blending, MachineLimits};
 
 use crate::analog_output_conflicts::check_analog_outputs;
 use crate::axis::{self, AXIS_LETTERS, AxisConfig};
-use crate::card_config::{CardConfig, SPINDLE_PWM_OF_A_BEAM};
+use crate::card_config::CardConfig;
 use crate::channel_names::{self, ChannelNames};
 use crate::cost_config::CostConfig;
 use crate::cutter::{self, CutterConfig};
@@ -30,6 +30,7 @@ use crate::serial::SerialSettings;
 use crate::sheet_contacts;
 use crate::sheet_sensing::ToolLayer;
 use crate::spindle_config::{EncoderConfig, FeedPerTurn};
+use crate::spindle_pwm_config::SPINDLE_PWM_OF_A_BEAM;
 use crate::spindle_settings::SpindleConfig;
 use crate::switching::SwitchingTable;
 use crate::tool_change_config::{ToolChange, ToolChangeConfig};

@@ -61,8 +61,8 @@ pub use probe::{ProbeArming, ProbeEdge, ProbeLatch, counts_at_edge};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
 pub use settings::{
-    AnalogCounts, CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PWM_HZ,
-    PathStart, SpindlePwm,
+    AnalogCounts, CardIdentity, CardSettings, InputSetting, InputUse, MAX_CURVE_POINTS, MAX_INPUTS, MAX_SAFE, PROTOCOL,
+    PWM_HZ, PathStart, SpeedCurve, SpeedPoint, SpindlePwm,
 };
 pub use spindle::{ArmedStretch, GearStart, GearState, SpindleControl, SpindleSettings, SpindleStatus, SpindleTask};
 pub use wire::Greeting;

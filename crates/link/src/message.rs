@@ -7,7 +7,7 @@ use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 use crate::outputs::{ANALOG_INPUTS, AnalogInputs, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{
     Alarm, ArmedStretch, CutterOff, GearState, HEIGHT_CONTROLS, HeightState, LayerMove, PathStart, ProbeArming,
-    ProbeEdge, ProbeLatch, RepeatedInstruction, SpindleStatus, SpindleTask,
+    ProbeEdge, ProbeLatch, RepeatedInstruction, SpeedCurve, SpindleStatus, SpindleTask,
 };
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
@@ -160,6 +160,8 @@ pub enum HostCommand<const A: usize> {
     /// Arms a stretch again that an instruction has armed before: one that the path comes back to (SPN-22). Only where
     /// none is engaged, in front of it, or at rest at its end. It replaces the one that is armed.
     ArmStretch(ArmedStretch),
+    /// Sets the curve of the output for S (SPN-5). The card keeps it until it is switched off.
+    SpeedCurve(SpeedCurve),
 }
 
 impl<const A: usize> HostCommand<A> {

@@ -164,7 +164,11 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
             }
             self.pump(WAIT_US);
         }
-        Ok(())
+        // Nothing else is queued yet.
+        let curve = settings.speed_curve.map(HostCommand::SpeedCurve);
+        curve
+            .map_or(Ok(()), |curve| self.host.send(curve))
+            .map_err(|_| LinkedCardError::Host(LinkError::SettingsRejected))
     }
 
     /// Ends the epoch; the card then needs no host any more. It must be at rest.

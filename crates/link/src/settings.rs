@@ -13,7 +13,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 20;
+pub const PROTOCOL: u8 = 21;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -174,7 +174,7 @@ impl PathStart {
 /// Settings of the output for S, the speed of a spindle or the power of a beam, by pulse-width modulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SpindlePwm {
-    /// S at a duty cycle of 100 %, in the unit of [`crate::channel::SPEED`], 1 … 2³¹ − 1.
+    /// S at a duty cycle of 100 %, in the unit of [`crate::channel::SPEED`], 1 … 2³¹ − 1; or [`Self::BY_CURVE`].
     pub full_scale: u32,
     /// Frequency in Hz, within [`PWM_HZ`].
     pub hz: u16,
@@ -184,10 +184,53 @@ pub struct SpindlePwm {
 pub const PWM_HZ: core::ops::RangeInclusive<u16> = 100..=50_000;
 
 impl SpindlePwm {
+    /// Full scale of an output that follows a curve, which the card has received since it was started; until then the
+    /// output is low.
+    pub const BY_CURVE: u32 = u32::MAX;
+
     /// Whether the settings are within their ranges.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        (1..=i32::MAX as u32).contains(&self.full_scale) && PWM_HZ.contains(&self.hz)
+        ((1..=i32::MAX as u32).contains(&self.full_scale) || self.full_scale == Self::BY_CURVE)
+            && PWM_HZ.contains(&self.hz)
+    }
+}
+
+/// Most points of a curve of the output for S.
+pub const MAX_CURVE_POINTS: usize = 8;
+
+/// A point of the curve of the output for S.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SpeedPoint {
+    /// S, in the unit of [`crate::channel::SPEED`], 0 … 2³¹ − 1.
+    pub speed: u32,
+    /// Duty cycle in units of 2⁻¹⁶, 0 … 2¹⁶.
+    pub duty: u32,
+}
+
+/// Curve of the output for S: straight between its points, and constant outside of them (SPN-5).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SpeedCurve {
+    /// The points, by rising speed; the first `count` are valid.
+    pub points: [SpeedPoint; MAX_CURVE_POINTS],
+    /// Number of valid points, 2 … [`MAX_CURVE_POINTS`].
+    pub count: u8,
+}
+
+impl SpeedCurve {
+    /// Returns the valid points.
+    #[must_use]
+    pub fn points(&self) -> &[SpeedPoint] {
+        &self.points[..usize::from(self.count).min(MAX_CURVE_POINTS)]
+    }
+
+    /// Whether the points are within their ranges, and each is at a higher speed than the one before.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let is_in_range = |point: &SpeedPoint| point.speed <= i32::MAX as u32 && point.duty <= 1 << 16;
+        (2..=MAX_CURVE_POINTS).contains(&usize::from(self.count))
+            && self.points().iter().all(is_in_range)
+            && self.points().windows(2).all(|pair| pair[0].speed < pair[1].speed)
     }
 }
 
@@ -228,6 +271,9 @@ pub struct CardSettings<const A: usize> {
     pub layer: Option<LayerSettings>,
     /// Output for S; `None` if it stays low.
     pub spindle_pwm: Option<SpindlePwm>,
+    /// Curve of the output for S. It is no part of the opening: a command behind it,
+    /// [`crate::HostCommand::SpeedCurve`], contains it.
+    pub speed_curve: Option<SpeedCurve>,
     /// Spindle with an encoder; `None` if there is none.
     pub spindle: Option<SpindleSettings>,
 }
@@ -256,6 +302,7 @@ impl<const A: usize> CardSettings<A> {
             cutting: CuttingSettings::default(),
             layer: None,
             spindle_pwm: None,
+            speed_curve: None,
             spindle: None,
         }
     }

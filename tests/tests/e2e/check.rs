@@ -123,7 +123,7 @@ fn s_beyond_the_output_for_it_is_told() {
     let check = |more: &[&str]| bench.retrace(&[&["check", "p.ngc"], more].concat()).out;
     assert_contains(
         &check(&["--machine", "m.toml"]),
-        &["warning: S24000 is above the max_s of card.spindle_pwm, 18000: the output stays at 100 %"],
+        &["warning: S24000 is above the highest of card.spindle_pwm, 18000: the output stays as at S18000"],
     );
     let summary = last(&check(&["--machine", "m.toml", "--json"]));
     assert_eq!(summary["speed_above_limit"], serde_json::json!({"s": 24000.0, "max_s": 18000.0}));

@@ -10,7 +10,8 @@ use retrace_card::spindle_pwm::PwmSignal;
 use retrace_core::{FeedShare, Flags, Rate, Record, RecordIndex};
 use retrace_link::{
     BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CuttingChannel, CuttingSettings,
-    HostCommand, Instruction, LINEAR_POWER, MAX_POWER_EXPONENT, OutputChange, SpindlePwm, channel,
+    HostCommand, Instruction, LINEAR_POWER, MAX_POWER_EXPONENT, OutputChange, SpeedCurve, SpeedPoint, SpindlePwm,
+    channel,
 };
 
 const BEAM: u8 = channel::SPINDLE;
@@ -169,11 +170,50 @@ fn a_card_without_an_output_for_s_refuses_it() {
     for wrong in [
         SpindlePwm { full_scale: 0, ..pwm },
         SpindlePwm { full_scale: 1 << 31, ..pwm },
+        SpindlePwm { full_scale: u32::MAX - 1, ..pwm },
         SpindlePwm { hz: 99, ..pwm },
         SpindlePwm { hz: 50_001, ..pwm },
     ] {
         assert_eq!(open(identity(), Some(wrong)), Err(CommandRefusal::Unsupported), "{wrong:?}");
     }
+}
+
+/// An output by a curve is low until the card has received one. A curve that does not rise is refused, and the one
+/// before it stays; so does it in later epochs, and while an alarm is latched it is accepted.
+#[test]
+fn an_output_by_a_curve_is_low_until_the_curve_is_known() {
+    let by_curve = Some(SpindlePwm { full_scale: SpindlePwm::BY_CURVE, hz: 100 });
+    let mut card = TestCard::new(identity()).expect("a memory");
+    let settings = CardSettings { spindle_pwm: by_curve, ..settings(1, 0) };
+    card.open(&settings).expect("supported");
+    for (channel, value) in [(channel::SPEED, 3000), (channel::SPINDLE, -1)] {
+        card.accept(HostCommand::ManualOutput(OutputChange { channel, value })).expect("a channel");
+    }
+    let duty = |card: &mut TestCard| {
+        card.run_period(levels(0));
+        card.spindle_pwm().expect("used").duty
+    };
+    assert_eq!(duty(&mut card), 0);
+    let curve = |points: &[(u32, u32)]| {
+        let mut curve = SpeedCurve { count: points.len() as u8, ..SpeedCurve::default() };
+        for (slot, &(speed, duty)) in curve.points.iter_mut().zip(points) {
+            *slot = SpeedPoint { speed, duty };
+        }
+        HostCommand::SpeedCurve(curve)
+    };
+    card.accept(curve(&[(2000, 100), (4000, 500)])).expect("a curve");
+    assert_eq!(duty(&mut card), 300);
+    for wrong in [&[(1, 1)][..], &[(1, 1), (1, 2)], &[(2, 1), (1, 2)], &[(1, 1), (2, 65_537)], &[(1, 1), (1 << 31, 2)]]
+    {
+        card.accept(curve(wrong)).expect_err("no curve");
+    }
+    assert_eq!(duty(&mut card), 300);
+    card.open(&CardSettings { epoch: 2, ..settings }).expect("at rest");
+    assert_eq!(duty(&mut card), 300);
+    let without = CardIdentity { has_spindle_pwm: false, ..identity() };
+    let mut card = TestCard::new(without).expect("a memory");
+    card.open(&CardSettings { spindle_pwm: None, ..settings }).expect("supported");
+    card.accept(curve(&[(2000, 100), (4000, 500)])).expect_err("no output for S");
 }
 
 #[test]

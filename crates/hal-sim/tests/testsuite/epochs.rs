@@ -14,7 +14,8 @@ use retrace_hal_sim::{
 };
 use retrace_link::{
     Alarm, CardFailure, CardSettings, CommandRefusal, Greeting, HomingCommand, HostCommand, InputSetting, InputUse,
-    Instruction, LinkError, LinkTimeouts, LinkedCard, LinkedCardError, MotionCard, OutputChange, PathStart, channel,
+    Instruction, LinkError, LinkTimeouts, LinkedCard, LinkedCardError, MotionCard, OutputChange, PathStart, SpeedCurve,
+    SpeedPoint, SpindlePwm, channel,
 };
 
 const RECORDS: u32 = 600;
@@ -494,4 +495,38 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
         card.run_period().expect("no fault");
     }
     card.begin_path(PathStart::at(RecordIndex::new(EVERY))).expect("it stands there");
+}
+
+/// The curve of the output for S arrives behind each opening, before anything switches, on lines that damage frames as
+/// well; the card keeps it while an epoch begins anew with the spindle on.
+#[test]
+fn the_curve_of_the_output_for_s_follows_the_opening() {
+    let mut curve = SpeedCurve { count: 2, ..SpeedCurve::default() };
+    curve.points[..2].copy_from_slice(&[
+        SpeedPoint { speed: 1_000_000, duty: 6_000 },
+        SpeedPoint { speed: 3_000_000, duty: 60_000 },
+    ]);
+    for (seed, chance) in [(1, 0.0), (2, 1e-3)] {
+        let (up, down) = (line(chance, seed), line(chance, seed + 100));
+        let rig = CardSimulator::<3>::new(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
+        let rig = rig.expect("a card");
+        let mut card = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+        let spindle_pwm = Some(SpindlePwm { full_scale: SpindlePwm::BY_CURVE, hz: 1000 });
+        let patient = CardSettings { watchdog_periods: 1000, spindle_pwm, speed_curve: Some(curve), ..settings() };
+        card.open(patient).expect("it takes the settings");
+        for (channel, value) in [(channel::SPEED, 2_000_000), (channel::SPINDLE, 1)] {
+            card.send(HostCommand::ManualOutput(OutputChange { channel, value })).expect("a channel");
+        }
+        let duty = |card: &LinkedCard<3, InProcess<3>>| {
+            card.port().simulator().card().card().spindle_pwm().expect("used").duty
+        };
+        while card.port().simulator().status().outputs[usize::from(channel::SPINDLE)] == 0 {
+            assert_eq!(duty(&card), 0, "the spindle is off");
+            card.run_period().expect("no fault");
+        }
+        for _ in 0..3 {
+            assert_eq!(duty(&card), 33_000);
+            card.begin_path(PathStart::at(RecordIndex::new(0))).expect("it is at rest");
+        }
+    }
 }

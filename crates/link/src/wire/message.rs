@@ -7,7 +7,7 @@ use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
     ArmedStretch, GearStart, HeightControlSettings, HeightControls, HeightSource, HomingCommand, HostCommand, Ignition,
     InputWait, Instruction, LayerMove, MAX_CHANGES, OhmicSensing, OutputAction, OutputChange, ProbeArming,
-    RepeatedInstruction, SheetSource, SpindleControl, SpindleTask,
+    RepeatedInstruction, SheetSource, SpeedCurve, SpeedPoint, SpindleControl, SpindleTask,
 };
 use retrace_core::gear::GearLimits;
 use retrace_core::{Distance, FeedShare, Rate, RecordIndex};
@@ -27,6 +27,7 @@ mod tag {
     pub(super) const FOLLOW: u8 = 0x0D;
     pub(super) const FREE_TOOL: u8 = 0x0E;
     pub(super) const ARM_STRETCH: u8 = 0x0F;
+    pub(super) const SPEED_CURVE: u8 = 0x10;
     pub(super) const RESTART: u8 = 0x20;
     pub(super) const REPEAT: u8 = 0x21;
 }
@@ -113,7 +114,24 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
             writer.u8(tag::ARM_STRETCH)?;
             write_armed_stretch(writer, armed)
         }
+        HostCommand::SpeedCurve(curve) => {
+            writer.u8(tag::SPEED_CURVE)?;
+            writer.u8(curve.points().len() as u8)?;
+            curve.points().iter().try_for_each(|point| {
+                writer.count(u64::from(point.speed))?;
+                writer.count(u64::from(point.duty))
+            })
+        }
     }
+}
+
+/// Reads a curve of the output for S; whether its points are a curve is checked by the card.
+fn read_speed_curve(reader: &mut ByteReader<'_>) -> Option<SpeedCurve> {
+    let mut curve = SpeedCurve { count: reader.u8()?, ..SpeedCurve::default() };
+    for point in curve.points.get_mut(..usize::from(curve.count))? {
+        *point = SpeedPoint { speed: reader.count32()?, duty: reader.count32()? };
+    }
+    Some(curve)
 }
 
 /// Flags of a stretch that is armed again.
@@ -198,6 +216,7 @@ pub fn read_command<const A: usize>(reader: &mut ByteReader<'_>, run: &mut Recor
             tag::FOLLOW => HostCommand::FollowSpindle { on: reader.u8()? != 0 },
             tag::FREE_TOOL => HostCommand::FreeTool,
             tag::ARM_STRETCH => HostCommand::ArmStretch(read_armed_stretch(reader)?),
+            tag::SPEED_CURVE => HostCommand::SpeedCurve(read_speed_curve(reader)?),
             _ => return None,
         });
     }

@@ -12,9 +12,9 @@ use retrace_link::{
     ANALOG_INPUTS, Alarm, ArmedStretch, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause,
     CuttingChannel, CuttingSettings, GearStart, GearState, HeightControlSettings, HeightSource, HeightState,
     HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
-    MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction, OutputChange, PROTOCOL,
-    PathStart, ProbeArming, ProbeEdge, ProofInput, RepeatedInstruction, SheetSource, SpindleControl, SpindlePwm,
-    SpindleSettings, SpindleTask,
+    MAX_CHANGES, MAX_CURVE_POINTS, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OhmicSensing, OutputAction,
+    OutputChange, PROTOCOL, PathStart, ProbeArming, ProbeEdge, ProofInput, RepeatedInstruction, SheetSource,
+    SpeedCurve, SpeedPoint, SpindleControl, SpindlePwm, SpindleSettings, SpindleTask,
 };
 
 /// Every value at its largest.
@@ -129,6 +129,16 @@ fn layer() -> impl Strategy<Value = Option<LayerMove>> {
     prop::option::of(prop_oneof![start, over, any::<i32>().prop_map(|layer| LayerMove::To { layer })])
 }
 
+fn speed_curve() -> impl Strategy<Value = SpeedCurve> {
+    prop::collection::vec(any::<(u32, u32)>(), 0..=MAX_CURVE_POINTS).prop_map(|points| {
+        let mut curve = SpeedCurve { count: points.len() as u8, ..SpeedCurve::default() };
+        for (slot, (speed, duty)) in curve.points.iter_mut().zip(points) {
+            *slot = SpeedPoint { speed, duty };
+        }
+        curve
+    })
+}
+
 fn command() -> impl Strategy<Value = HostCommand<4>> {
     prop_oneof![
         (any::<u32>(), record())
@@ -150,6 +160,7 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
         any::<u32>().prop_map(|last| HostCommand::Restart { last }),
         any::<bool>().prop_map(|on| HostCommand::FollowSpindle { on }),
         Just(HostCommand::FreeTool),
+        speed_curve().prop_map(HostCommand::SpeedCurve),
         armed_stretch().prop_map(HostCommand::ArmStretch),
         (0u8..128, any::<bool>(), any::<u16>()).prop_map(|(input, active, filter_periods)| HostCommand::ArmProbe(
             ProbeArming { input, active, filter_periods }
