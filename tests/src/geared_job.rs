@@ -6,7 +6,7 @@ use std::process::Stdio;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::command::{Bench, CommandOutput};
+use crate::command::Bench;
 use crate::pause::pause;
 use crate::pins::{self, Sample};
 use crate::served::ServedCard;
@@ -33,8 +33,6 @@ pub fn assert_refused(machine: &str, program: &str, number: &str) {
 pub struct EarlyEnd {
     /// What was at the pins of the card. Behind the end the spindle was turned by hand.
     pub samples: Vec<Sample>,
-    /// What `resume` did, of a host that was killed.
-    pub resumed: Option<CommandOutput>,
 }
 
 /// Runs a job on a card with an emergency stop at input 13. So long after its output has `begins`, the event happens: a
@@ -78,7 +76,6 @@ pub fn end_early(
     assert!(told().contains(number), "{event}: {}", told());
     card.operate("spindle turn 0.4");
     pause(Duration::from_millis(1200));
-    let resumed = (event == "kill").then(|| bench.retrace(["resume", "--yes", "--json"]));
     let _ = card.end();
-    EarlyEnd { samples: pins::samples(&vcd), resumed }
+    EarlyEnd { samples: pins::samples(&vcd) }
 }

@@ -98,6 +98,10 @@ fn outputs(
         return Err("unknown: the card works for a host".into());
     }
     let Greeting { place, reached, executed, .. } = *greeting;
+    // Opened without its spindle, the card would forget a thread or tap in which the tool rests.
+    if greeting.identity.has_spindle_encoder && machine.encoder.is_none() && place.fraction != 0 {
+        return Err("unknown: the tool may rest in a thread; --machine with its machine file tells them".into());
+    }
     let settings = machine.card_settings(PathStart { place, rests: false, reached, executed, keeps_state: true });
     match linked_card::read_status(card, address, settings) {
         Ok(status) => {

@@ -397,6 +397,7 @@ impl ResumeStep<'_> {
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();
         let (answers, tap) = (self.record.answers().to_vec(), self.record.tap());
+        let tap_on_card = self.record.tap_on_card().map(retrace_core::RecordIndex::new);
         let cut_ends = self.cut_ends();
         let (origin, executed) = (job.origin, job.executed);
         let began_within = journaled_job::start_point(&job.arguments);
@@ -415,6 +416,7 @@ impl ResumeStep<'_> {
             lengths,
             answers,
             tap,
+            tap_on_card,
             cut_ends,
             cut,
             begun_start,
@@ -482,7 +484,7 @@ impl ResumeStep<'_> {
                         differences: table_differences(program, of_job_entry),
                         machine_changes: changed_machine(of_job_entry),
                         approach: prepared.return_path(on)?,
-                        is_older_place,
+                        is_older_place: is_older_place && prepared.tap().is_none(),
                     };
                     if !ask(&taken)? {
                         return Err(

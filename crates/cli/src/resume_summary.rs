@@ -133,6 +133,11 @@ impl<const A: usize> ResumeSummary<'_, A> {
             words.push(("new tool", format!("length entered in a pause, {by_mm:+.3} mm; included in the positions")));
         }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
+        if let Some(tap) = prepared.tap() {
+            let text =
+                format!("of line {}: the card holds it in its hole; nothing moves until it is let go on", tap.line);
+            words.push(("tap", text));
+        }
         if let Some(thread) = prepared.thread() {
             let line = thread.line;
             let text = format!("of line {line}: the card turns the spindle, and the tool goes on in its groove");

@@ -107,6 +107,13 @@ pub enum EventKind {
         /// The turns.
         reversal_turns: f64,
     },
+    /// A rigid tap is due.
+    Tapping {
+        /// Where it begins on the card's path of manual moves.
+        card_place: RecordIndex,
+        /// Whether the tool is in its hole already, where the job was left in the tap.
+        is_resumed: bool,
+    },
     /// The job ended before a rigid tap that was due had begun.
     TapNotBegun,
     /// A sense test has ended: letter of the tool axis, and its result.
@@ -302,6 +309,9 @@ impl Event {
                 json!({"event": "probed", "touched": touched, "counts": counts.get()})
             }
             EventKind::Tapped { reversal_turns } => json!({"event": "tapped", "reversal_turns": reversal_turns}),
+            EventKind::Tapping { card_place, is_resumed } => {
+                json!({"event": "tapping", "card_place": card_place.number(), "resumed": is_resumed})
+            }
             EventKind::TapNotBegun => json!({"event": "tap_not_begun"}),
             EventKind::ToolLifted => json!({"event": "tool_lifted"}),
             EventKind::SenseTest { axis, outcome } => json!({
@@ -424,6 +434,11 @@ impl Event {
             EventKind::Probed { touched: false, .. } => "the probe did not respond up to the end of the move".into(),
             EventKind::Tapped { reversal_turns } => {
                 format!("tapped; the spindle took {reversal_turns:.2} turns to reverse")
+            }
+            EventKind::Tapping { is_resumed: false, .. } => "tapping".into(),
+            EventKind::Tapping { is_resumed: true, .. } => {
+                "held, with the tap in its hole: `cycle start` goes on, `follow spindle` lets it be turned out by hand"
+                    .into()
             }
             EventKind::TapNotBegun => "the tap was not begun".into(),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),

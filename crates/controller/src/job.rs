@@ -165,7 +165,8 @@ fn run_threads<const A: usize, C: MotionCard<A>>(
     let mut ring =
         Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
-    let begins = origin.place + jog_planner::MANUAL_PLACE_OFFSET;
+    let kept_tap = if let JobStart::At(at) = &begin { at.tap_on_card } else { None };
+    let begins = kept_tap.unwrap_or(origin.place + jog_planner::MANUAL_PLACE_OFFSET);
     let mut by_hand = jog_planner::ring(machine, begins).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::jog_channel(by_hand.split(), &mail);

@@ -47,6 +47,7 @@ mod jog_mailbox;
 mod jog_planner;
 mod jog_speed;
 mod journal_recorder;
+mod kept_tap;
 mod kerf_map;
 mod lead_arc;
 mod limit_check;
@@ -110,6 +111,7 @@ pub use job::{JobEnd, JobOptions, JobStart, JobStartError, check_program, feed_p
 pub use jog_planner::{Identify, JogPlanner, MANUAL_PLACE_OFFSET};
 pub use jog_speed::JogSpeed;
 pub use journal_recorder::JournalRecorder;
+pub use kept_tap::KeptTap;
 pub use lead_arc::LeadArcError;
 pub use limit_check::LimitCheck;
 pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};

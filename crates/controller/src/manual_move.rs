@@ -54,6 +54,8 @@ enum Arming {
 enum ManualMoveState {
     /// Waiting until enough is planned.
     Planned,
+    /// A tap that the card has kept: waiting until enough is planned beyond its place.
+    Kept,
     /// Moving; the rate that was sent to the card last, and whether the probe's latch is armed if it has to be.
     Moving { sent: Rate, is_armed: bool },
     /// Coming to rest before the end.
@@ -111,6 +113,13 @@ impl ManualMove {
         Self { arming: Arming::Tap(gear), look_ahead_records, ..self }
     }
 
+    /// Makes it a rigid tap that the card has kept: its gear is engaged, and the tool rests in its hole. Held, until it
+    /// is let go on.
+    pub(crate) fn resumed_tap<const A: usize>(self, gear: GearStart, status: &CardStatus<A>) -> Self {
+        let state = ManualMoveState::Kept;
+        Self { state, executed: status.executed.wrapping_sub(1), off_path: true, is_held: true, ..self.tapping(gear) }
+    }
+
     /// Place at which it begins.
     pub(crate) const fn start(&self) -> RecordIndex {
         self.start
@@ -166,6 +175,14 @@ impl ManualMove {
                 card.begin_path(start)?;
                 self.off_path = true;
                 self.state = ManualMoveState::Moving { sent: Rate::ZERO, is_armed: self.arming == Arming::None };
+            }
+        }
+        if self.state == ManualMoveState::Kept {
+            let (place, write) = (card.status().place.record, jog_planner.ring.write());
+            // The planner goes on as what it has written is passed, up to the place.
+            jog_planner.ring.seek(if write.is_before(place) { write } else { place });
+            if self.is_planned(jog_planner, place) {
+                self.state = ManualMoveState::Moving { sent: Rate::ZERO, is_armed: true };
             }
         }
         if let ManualMoveState::Moving { mut sent, mut is_armed } = self.state {
@@ -275,7 +292,8 @@ impl ManualMove {
     fn is_planned<const A: usize>(&self, jog_planner: &mut JogPlanner<'_, A>, place: RecordIndex) -> bool {
         loop {
             let done = jog_planner.is_done();
-            if done || jog_planner.ring.write().since(place) >= self.look_ahead_records {
+            let write = jog_planner.ring.write();
+            if done || !write.is_before(place) && write.since(place) >= self.look_ahead_records {
                 return true;
             }
             if self.wall_time {
@@ -289,9 +307,18 @@ impl ManualMove {
         jog_planner.ring.seek(card.status().place.record);
         self.is_planned(jog_planner, card.status().place.record);
         let end = jog_planner.ring.write();
-        if card.status().rate < Rate::ZERO {
-            self.fill_behind(jog_planner, card);
-            return;
+        match self.arming {
+            _ if card.status().rate < Rate::ZERO => {
+                self.fill_behind(self.start, jog_planner, card);
+                return;
+            }
+            // At rest it may be turned by hand either way, which begins with the records that are held.
+            Arming::Tap(gear) if card.status().at_rest => {
+                let place = card.status().place.record;
+                let back = self.start.records_to(place).clamp(0, i32::from(gear.ahead)) as u32;
+                self.fill_behind(place - back, jog_planner, card);
+            }
+            _ => {}
         }
         let mut place = card.status().high;
         while place.is_before(end)
@@ -302,10 +329,15 @@ impl ManualMove {
         }
     }
 
-    /// Sends the records behind of a tap on its way back.
-    fn fill_behind<const A: usize, C: MotionCard<A>>(&self, jog_planner: &JogPlanner<'_, A>, card: &mut C) {
+    /// Sends the records of a tap behind the window, back to `first`.
+    fn fill_behind<const A: usize, C: MotionCard<A>>(
+        &self,
+        first: RecordIndex,
+        jog_planner: &JogPlanner<'_, A>,
+        card: &mut C,
+    ) {
         let mut place = card.status().low;
-        while self.start.is_before(place)
+        while first.is_before(place)
             && let Some(record) = jog_planner.ring.record(place - 1)
             && card.send(HostCommand::Behind { place: place - 1, record, rests: place - 1 == self.start }).is_ok()
         {

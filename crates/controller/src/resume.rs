@@ -21,8 +21,10 @@ use retrace_link::{CardStatus, GearState, OutputChange, Outputs, PathStart, Spin
 
 use crate::approach::approach;
 use crate::entered_threads::EnteredThread;
+use crate::kept_tap::KeptTap;
 use crate::kerf_map::KerfReplay;
 use crate::plan_item::ExclusiveKind;
+use crate::question::Question;
 use crate::record_streamer::{PassedItem, RecordStreamer};
 use crate::start_line::StartPoint;
 
@@ -53,6 +55,8 @@ pub struct ResumePoint {
     pub answers: Vec<ProgramAnswer>,
     /// The last rigid tap, unless it is complete.
     pub tap: Option<TapBegin>,
+    /// Where that tap begins on the card's path of manual moves, if it was due.
+    pub tap_on_card: Option<RecordIndex>,
     /// Places up to which cutters have certainly cut.
     pub cut_ends: Vec<ResumedCutEnd>,
     /// What was cut of the path (CUT-26).
@@ -95,6 +99,7 @@ impl ResumePoint {
             lengths: Vec::new(),
             answers: Vec::new(),
             tap: None,
+            tap_on_card: None,
             cut_ends: Vec::new(),
             cut: RecordRanges::default(),
             begun_start: None,
@@ -188,6 +193,7 @@ pub struct ResumePlan<const A: usize> {
     card: CardStatus<A>,
     threads: Vec<EnteredThread>,
     thread: Option<EnteredThread>,
+    tap: Option<KeptTap>,
 }
 
 impl<const A: usize> ResumePlan<A> {
@@ -251,6 +257,12 @@ impl<const A: usize> ResumePlan<A> {
         self.thread
     }
 
+    /// Tap in which the card still holds the tool.
+    #[must_use]
+    pub const fn tap(&self) -> Option<KeptTap> {
+        self.tap
+    }
+
     /// Status of the card.
     #[must_use]
     pub fn card(&self) -> &CardStatus<A> {
@@ -263,13 +275,16 @@ impl<const A: usize> ResumePlan<A> {
     /// # Errors
     /// `E4305` where an axis would go beyond its soft limits.
     pub fn return_path(&self, machine: &MachineConfig) -> Result<Vec<[i64; A]>, NumberedError> {
+        if self.tap.is_some() {
+            return Ok(Vec::new());
+        }
         approach(machine, self.card.counts, self.counts)
     }
 
-    /// Whether the card's counts are those of the place.
+    /// Whether the card's counts are those of the place, or of the tap that begins there.
     #[must_use]
     pub fn matches_card(&self) -> bool {
-        self.card.at_rest && self.card.counts == self.counts
+        self.card.at_rest && (self.tap.is_some() || self.card.counts == self.counts)
     }
 }
 
@@ -291,6 +306,7 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     /// Counts at the place where the job was left, once it is replayed.
     counts: Option<[i64; A]>,
     line: u32,
+    machine: &'s MachineConfig,
     mm_per_pulse: [f64; A],
     switched: ReplayedSwitching<'s, 'r, A>,
     kerfs: KerfReplay<'s>,
@@ -303,7 +319,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         streamer: &'s mut RecordStreamer<'r, A>,
         at: &'s ResumePoint,
         counts: [i64; A],
-        mm_per_pulse: [f64; A],
+        machine: &'s MachineConfig,
         (switched, kerfs): (ReplayedSwitching<'s, 'r, A>, KerfReplay<'s>),
     ) -> Self {
         let (place, executed) = (at.origin, at.start.executed);
@@ -316,7 +332,10 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             active: None,
             counts: None,
             line: 0,
-            mm_per_pulse,
+            machine,
+            mm_per_pulse: std::array::from_fn(|axis| {
+                machine.axes.get(axis).map_or(0.0, |axis| axis.pulses_per_mm.recip())
+            }),
             switched,
             kerfs,
             threads: Vec::new(),
@@ -353,6 +372,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         while !self.replay_planned()? {
             thread::sleep(Duration::from_micros(50));
         }
+        let tap = self.tap_at_place(card)?;
         let thread = self.thread_at_place(card)?;
         let (line, counts) = match (self.streamer.record(start.place.record), self.counts) {
             (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
@@ -386,16 +406,34 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             card: *card,
             threads: self.threads,
             thread,
+            tap,
         })
+    }
+
+    /// The tap in which the job was left: it goes on where the card has kept it, and the tool is where its records say.
+    fn tap_at_place(&mut self, card: &CardStatus<A>) -> Result<Option<KeptTap>, ResumeError> {
+        let Some(begun) = self.at.tap.filter(|tap| tap.place == self.at.start.place.record.number()) else {
+            return Ok(None);
+        };
+        // The planner asks for it next.
+        while self.streamer.sent_instruction().is_none() && !self.streamer.planner_is_gone() {
+            thread::sleep(Duration::from_micros(50));
+            self.streamer.poll_planner();
+        }
+        let question = self.streamer.sent_instruction().and_then(|next| next.question.as_deref());
+        let kept = match (question, self.at.tap_on_card, self.counts) {
+            (Some(&Question::Tap(question)), Some(first), Some(counts)) => {
+                KeptTap::of_card(question, (first, counts), self.machine, card, begun.line)
+            }
+            _ => None,
+        };
+        kept.map(Some).ok_or(ResumeError::InThread { line: begun.line })
     }
 
     /// The thread in which the job was left: it goes on where the card has kept it, since the last instruction armed
     /// it, at the very place.
     fn thread_at_place(&self, card: &CardStatus<A>) -> Result<Option<EnteredThread>, ResumeError> {
         let left = self.at.start.place;
-        if let Some(tap) = self.at.tap.filter(|tap| tap.place == left.record.number()) {
-            return Err(ResumeError::InThread { line: tap.line });
-        }
         let Some(thread) = self.threads.iter().find(|thread| thread.is_around(left)) else { return Ok(None) };
         let is_there = card.place == left && Some(card.counts) == self.counts && card.executed == self.executed;
         let is_kept = card.spindle.gear == GearState::Engaged && is_there;

@@ -62,6 +62,8 @@ pub struct JobRecord {
     answers: Vec<ProgramAnswer>,
     /// The last rigid tap, unless it is complete.
     tap: Option<TapBegin>,
+    /// Where the last rigid tap that was due begins on the card's path of manual moves, and its place.
+    tap_on_card: Option<[u32; 2]>,
     /// The interrupted cut that was not continued.
     interrupted_cut: Option<InterruptedCut>,
     /// What was cut.
@@ -182,6 +184,7 @@ impl JobRecord {
             lengths: Vec::new(),
             answers: Vec::new(),
             tap: None,
+            tap_on_card: None,
             interrupted_cut: None,
             cut: RecordRanges::default(),
             begun_start: None,
@@ -227,6 +230,8 @@ impl JobRecord {
                     self.interrupted_cut = Some(cut);
                 } else if event["event"] == "cut_continued" {
                     self.interrupted_cut = None;
+                } else if let Some(tap) = tap_on_card(&event) {
+                    self.tap_on_card = Some(tap);
                 } else if event["event"] == "tap_not_begun" {
                     self.tap = None;
                 } else if let Some((number, is_skipped)) = skipped_contour(&event) {
@@ -338,6 +343,13 @@ impl JobRecord {
         self.tap
     }
 
+    /// Where that tap begins on the card's path of manual moves, if it was due.
+    #[must_use]
+    pub fn tap_on_card(&self) -> Option<u32> {
+        let [on_card, place] = self.tap_on_card?;
+        self.tap.filter(|tap| tap.place == place).map(|_| on_card)
+    }
+
     /// Reads the valid marks again, in the order of their places.
     ///
     /// # Errors
@@ -379,6 +391,13 @@ fn optional_stop(event: &Value) -> Option<bool> {
         "optional stop off" => Some(false),
         _ => None,
     }
+}
+
+/// Where a rigid tap that is due begins on the card's path of manual moves, and its place.
+fn tap_on_card(event: &Value) -> Option<[u32; 2]> {
+    (event["event"] == "tapping").then_some(())?;
+    let number = |name: &str| event[name].as_u64().and_then(|number| u32::try_from(number).ok());
+    Some([number("card_place")?, number("record")?])
 }
 
 /// Number of the contour that this event skips, or does not skip any more.

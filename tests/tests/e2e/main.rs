@@ -54,6 +54,7 @@ mod recovery_examples;
 mod refusals;
 mod resume;
 mod resume_files;
+mod resumed_taps;
 #[cfg(unix)]
 mod screen;
 mod sense_test;

@@ -330,7 +330,7 @@ fn assert_early_ends_are_safe(spindle: &str) {
         [("encoder dead", "E3033"), ("press emergency-stop", "E3012"), ("unplug", ""), ("power off", ""), ("kill", "")];
     let program = "G21 G90\nS600 M3\nG0 X2 Z5\nG33 Z-60 K1.5\nG0 X4\nM5\nM2\n";
     for (event, number) in events {
-        let EarlyEnd { samples, .. } = end_early(spindle, program, ("G33\"", 1200), (event, number));
+        let EarlyEnd { samples } = end_early(spindle, program, ("G33\"", 1200), (event, number));
         let last = samples.last().expect("a trace");
         assert!(!last.is_on("spindle"), "{event}: {last:?}");
         let switched_off = samples.iter().rposition(|sample| sample.is_on("spindle")).expect("it was on");

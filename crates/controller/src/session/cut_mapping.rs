@@ -97,7 +97,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 map.restore_contour(contour.pierce, place, length_um);
             }
         };
-        let replay = PlanReplay::new(&mut self.streamer, at, counts, config.mm_per_pulse, (&mut switched, kerfs));
+        let replay = PlanReplay::new(&mut self.streamer, at, counts, self.recovery.machine(), (&mut switched, kerfs));
         let prepared = replay.run(self.card.status())?;
         let length_um = |first, records| measure_um(&self.streamer, &config.mm_per_pulse, first, records);
         map.kerfs = kerf_map;

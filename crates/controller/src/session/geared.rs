@@ -212,6 +212,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn apply_command_in_tap(&mut self, command: OperatorCommand) -> Option<Result<(), CommandError>> {
         match command {
             OperatorCommand::Reverse(_) => Some(self.reverse_tap()),
+            // A resumed job runs on by itself behind its tap.
+            OperatorCommand::Leave { .. } if self.probing.is_resumed_tap() => Some(Ok(())),
             OperatorCommand::CycleStart | OperatorCommand::Resume if self.geared.reverses_tap => {
                 self.geared.reverses_tap = false;
                 Some(self.release_hold())

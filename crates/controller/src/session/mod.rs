@@ -30,6 +30,7 @@ mod program_override;
 mod recorded_layers;
 mod recovery;
 mod restart;
+mod resumption;
 mod return_path;
 mod sense_test;
 mod session_config;
@@ -57,7 +58,6 @@ use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::record_streamer::RecordStreamer;
-use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::{PeriodClass, RunStats};
 use crate::telemetry::TelemetrySender;
 use back_target::BackTarget;
@@ -282,49 +282,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.stats.dropped_events = self.telemetry.dropped_events();
         self.count_contours();
         (outcome, self.stats, self.card)
-    }
-
-    /// Resumes the job where it was left, its origin having had these counts: finds the place, calls `confirm`, moves
-    /// the axes to the counts of the place in the order of DNC-6 where they are elsewhere, and runs forward to
-    /// `reached` automatically. Where `confirm` returns false, the job is stopped immediately.
-    ///
-    /// # Errors
-    /// [`ResumeError`]; nothing has been sent to the card then.
-    pub fn resume(
-        mut self,
-        at: &ResumePoint,
-        counts: [i64; A],
-        agree: impl FnOnce(&ResumePlan<A>) -> bool,
-    ) -> Result<(Outcome, RunStats, C), ResumeError> {
-        let prepared = self.replay(at, counts)?;
-        if !agree(&prepared) {
-            return Ok((Outcome::Stopped, self.stats, self.card));
-        }
-        if let (Some(axis), false) = (self.tool_axis(), at.lengths.is_empty()) {
-            self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
-        }
-        let moved = self.check_collision().and_then(|()| self.go_to_breakpoint(prepared.counts()));
-        let begun = moved.and_then(|ended| match ended {
-            None => self.begin_resumed_path(&prepared).map(|()| None),
-            ended => Ok(ended),
-        });
-        match begun {
-            Ok(None) => {}
-            Ok(Some(outcome)) => return Ok((outcome, self.stats, self.card)),
-            Err(error) => {
-                let outcome = self.end_with_error(error);
-                return Ok((outcome, self.stats, self.card));
-            }
-        }
-        self.mode_controller = ModeController::rejoining();
-        self.stats = RunStats::new(at.start.reached);
-        self.restore_cut_end(&at.cut_ends, at.start.reached);
-        self.recovery.pierces_first = at.begun_start.is_some();
-        // Before anything moves in the work, its tool has to turn; cutters are lit only at the furthest place.
-        let cutting = std::mem::take(&mut self.config.fire_channels);
-        self.begin_restart(|channel| !cutting.contains(&channel));
-        self.config.fire_channels = cutting;
-        Ok(self.run())
     }
 
     /// Runs one control period. `Err` is a fault of the card.

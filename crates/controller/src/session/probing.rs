@@ -20,9 +20,11 @@ use super::{Outcome, Session};
 use crate::dnc_events::AxisCounts;
 use crate::event::{CardError, EventKind};
 use crate::jog_planner::JogRequest;
+use crate::kept_tap::KeptTap;
 use crate::manual_move::{ManualMove, ManualMoveEnd};
 use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::probe_move::ProbeMove;
+use crate::resume::ResumePlan;
 use crate::run_stats::PeriodClass;
 use crate::tap_move::TapQuestion;
 use probe_plug::{ProbePlug, ProbePlugState};
@@ -31,6 +33,10 @@ mod probe_plug;
 
 /// Most runs of periods with the same distance in a probing move. Each hold takes about a hundred.
 const MAX_RUNS: usize = 1 << 16;
+
+/// What is to be done with a tap in whose hole the machine does not go on.
+const REMEDY_OF_TAP: &str = "take the tap out of its holder, move the tool clear of the work, then begin before the \
+    tap: `retrace resume JOB --from-line N`";
 
 /// Probing of a program.
 #[derive(Debug)]
@@ -48,6 +54,8 @@ pub(super) struct ProgramProbing<const A: usize> {
     moved: u32,
     /// Records from the beginning of a tap to where it turned.
     turned: u32,
+    /// Whether the job was resumed in the tap in progress: outputs are restored behind it.
+    is_resumed_tap: bool,
 }
 
 /// What is executed off the job's path.
@@ -101,7 +109,14 @@ impl<const A: usize> ProgramProbing<A> {
         let input = machine.probe.input.map(|input| (input, machine.probe.filter_periods));
         let runs = Vec::with_capacity(if input.is_some() { MAX_RUNS } else { 0 });
         let (plug, axes) = (ProbePlug::new(machine.probe.connected_input), machine.axes.len());
-        Self { answers: None, input, plug, axes, current: None, runs, moved: 0, turned: 0 }
+        Self { answers: None, input, plug, axes, current: None, runs, moved: 0, turned: 0, is_resumed_tap: false }
+    }
+
+    /// Begins a probing move or a tap.
+    fn begin(&mut self, current: CurrentProbing<A>) {
+        self.runs.clear();
+        self.plug.restart();
+        (self.moved, self.turned, self.is_resumed_tap, self.current) = (0, 0, false, Some(current));
     }
 
     /// Whether a probing move is in progress.
@@ -118,6 +133,11 @@ impl<const A: usize> ProgramProbing<A> {
     pub(super) fn has_tap_turned(&self) -> bool {
         let Some(CurrentProbing { question: OffPathMove::Tap(question), .. }) = self.current else { return true };
         matches!(question.gear.control, SpindleControl::Tap(turn) if self.turned >= turn)
+    }
+
+    /// Whether the job was resumed in the tap in progress.
+    pub(super) const fn is_resumed_tap(&self) -> bool {
+        self.is_resumed_tap
     }
 
     /// The tap in progress is out of its hole again, where it began.
@@ -185,14 +205,42 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 return Err(fault("E3031", "the machine has no probe", "declare its input in the machine file"));
             }
         };
-        let trip = Some(trip);
-        self.probing.turned = 0;
-        self.probing.runs.clear();
-        self.probing.moved = 0;
-        self.probing.plug.restart();
-        self.probing.current = Some(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
-        self.executing = Some(ExclusiveKind::OffPath);
         self.emit_at(line, EventKind::Switching(question.code()));
+        if matches!(question, OffPathMove::Tap(_)) {
+            let kind = EventKind::Tapping { card_place: trip.start(), is_resumed: false };
+            self.emit_at_place(line, Place::start_of(place), kind);
+        }
+        let trip = Some(trip);
+        self.probing.begin(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
+        self.executing = Some(ExclusiveKind::OffPath);
+        Ok(())
+    }
+
+    /// Goes on with a tap that the card has kept. It is held where its tool rests, until the operator decides.
+    ///
+    /// # Errors
+    /// The card's fault; the card has not kept the tap; there is no planner of manual moves.
+    pub(super) fn take_up_tap(&mut self, kept: &KeptTap, prepared: &ResumePlan<A>) -> Result<(), CardError> {
+        let KeptTap { question, first, line } = *kept;
+        let CardStatus { place, reached, executed, .. } = *self.card.status();
+        self.card.begin_path(PathStart { place, rests: false, reached, executed, keeps_state: true })?;
+        let status = *self.card.status();
+        if status.spindle.gear != GearState::Engaged {
+            return Err(fault("E2219", "the card does not hold the tap in its hole any more", REMEDY_OF_TAP));
+        }
+        let (look_ahead, wall_time) = (self.config.look_ahead_records, self.config.run_mode.wall_time);
+        let Some(hand) = &mut self.dnc.jog_planner else {
+            return Err(fault("E3031", "there is no planner of manual moves", "please report this"));
+        };
+        let trip = ManualMove::begin(hand, JogRequest::Tap(question.tap), status.executed, look_ahead, wall_time)
+            .resumed_tap(question.gear, &status);
+        let (place, counts, trip) = (prepared.start().place.record, prepared.counts(), Some(trip));
+        let question = OffPathMove::Tap(question);
+        self.probing.begin(CurrentProbing { question, place, line, counts, passed: place, trip, end: place });
+        self.probing.turned = first.records_to(status.reached).max(0) as u32;
+        self.probing.is_resumed_tap = true;
+        self.executing = Some(ExclusiveKind::OffPath);
+        self.emit_at_place(line, Place::start_of(place), EventKind::Tapping { card_place: first, is_resumed: true });
         Ok(())
     }
 
@@ -423,6 +471,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.target = None;
         self.streamer.mark_sent();
         self.acknowledge_instruction();
+        if std::mem::take(&mut self.probing.is_resumed_tap) {
+            self.restart_without_cutters();
+        }
         Ok(())
     }
 }

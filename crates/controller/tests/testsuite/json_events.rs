@@ -49,6 +49,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::SenseTest { axis: 'z', outcome: SenseOutcome::NoSheet },
         EventKind::Probed { touched: true, counts },
         EventKind::Tapped { reversal_turns: 1.25 },
+        EventKind::Tapping { card_place: RecordIndex::new(7), is_resumed: false },
         EventKind::TapNotBegun,
         EventKind::ToolLifted,
         EventKind::RestartSwitching("M3"),
@@ -112,6 +113,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(..) | EventKind::Joined => {}
+            EventKind::Tapping { .. } => {}
             EventKind::ToolLifted | EventKind::Probed { .. } | EventKind::Tapped { .. } | EventKind::TapNotBegun => {}
             EventKind::ContourSkip { .. } | EventKind::LossWatch { .. } | EventKind::SenseTest { .. } => {}
             EventKind::ContoursRestored(_) | EventKind::Lead(_) | EventKind::StartInKerf => {}
