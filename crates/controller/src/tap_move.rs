@@ -25,8 +25,10 @@ pub struct TapMove {
     pub to: [i64; 9],
     /// Distance in a turn of the spindle, nm.
     pub pitch_nm: u64,
-    /// Commanded speed, thousandths of a turn per minute.
+    /// Commanded speed on the way in, thousandths of a turn per minute.
     pub speed: u32,
+    /// Speed on the way back, in the same unit.
+    pub return_speed: u32,
 }
 
 /// A rigid tap in the program, in mm of the machine's axes.
@@ -38,8 +40,10 @@ pub struct RigidTap<const A: usize> {
     pub depth_mm: [f64; A],
     /// Distance in a turn of the spindle, mm.
     pub pitch_mm: f64,
-    /// Commanded speed, turns per minute.
+    /// Commanded speed on the way in, turns per minute.
     pub rpm: f64,
+    /// Speed on the way back, turns per minute.
+    pub return_rpm: f64,
     /// Line of the program.
     pub line: u32,
 }
@@ -54,8 +58,9 @@ impl<const A: usize> RigidTap<A> {
             }
         }
         let whole = |of: f64, scale: f64| (of * scale).round().max(0.0);
-        let (pitch_nm, speed) = (whole(self.pitch_mm, 1e6) as u64, whole(self.rpm, 1e3) as u32);
-        (to != from).then_some(TapMove { from, to, pitch_nm, speed })
+        let pitch_nm = whole(self.pitch_mm, 1e6) as u64;
+        let [speed, return_speed] = [self.rpm, self.return_rpm].map(|rpm| whole(rpm, 1e3) as u32);
+        (to != from).then_some(TapMove { from, to, pitch_nm, speed, return_speed })
     }
 
     /// Plans it from where it begins, as a run does, and returns its run-in, mm.
@@ -103,6 +108,12 @@ impl TapMove {
         let (from, to) = (mm(&self.from), mm(&self.to));
         let depth_mm = from.iter().zip(&to).map(|(from, to)| (to - from).powi(2)).sum::<f64>().sqrt();
         let (pitch_mm, rpm) = (self.pitch_nm as f64 * 1e-6, f64::from(self.speed) / 1000.0);
+        let return_rpm = f64::from(self.return_speed) / 1000.0;
+        let return_factor = return_rpm / rpm.max(f64::MIN_POSITIVE);
+        let max_rpm = f64::from(encoder.settings.highest_speed) / 1000.0;
+        if return_rpm > max_rpm.max(rpm) {
+            return Err(ThreadError::TooFast { highest_rpm: max_rpm / return_factor });
+        }
         // Behind the depth, in parts of it.
         let mut spare = SPARE_TURNS * pitch_mm / depth_mm.max(f64::MIN_POSITIVE);
         for (axis, (from, to)) in machine.axes.iter().zip(from.iter().zip(&to)) {
@@ -116,13 +127,19 @@ impl TapMove {
         let mut end_mm = to;
         end_mm.iter_mut().zip(&from).for_each(|(end, from)| *end += spare * (*end - from));
         let pieces = vec![ThreadPiece { end_mm, pitch_mm, mode: PathMode::ExactStop, line: 0 }];
-        let stretch = ThreadStretch { pieces, rpm, start_degrees: 0.0 };
-        let plan = ThreadPlanner::default().plan(&stretch, machine, encoder, from)?;
+        // Both ways are along the same records, so that these are planned for the faster one.
+        let stretch = ThreadStretch { pieces, rpm: rpm.max(return_rpm), start_degrees: 0.0 };
+        let plan = ThreadPlanner::default().plan(&stretch, machine, encoder, from).map_err(|error| match error {
+            ThreadError::TooFast { highest_rpm } => {
+                ThreadError::TooFast { highest_rpm: highest_rpm / return_factor.max(1.0) }
+            }
+            error => error,
+        })?;
         if plan.gear.length > MAX_TAP_RECORDS {
             return Err(ThreadError::TooLong { turns: depth_mm / pitch_mm });
         }
         let share = f64::from(self.speed) / f64::from(encoder.settings.highest_speed);
         let early_mm = encoder.reversal_turns * share.powi(2) * pitch_mm;
-        plan.turning_at(depth_mm - early_mm)
+        plan.turning_at(depth_mm - early_mm, return_factor)
     }
 }

@@ -61,11 +61,11 @@ pub struct ThreadPlan<const A: usize> {
 }
 
 impl<const A: usize> ThreadPlan<A> {
-    /// Makes it a tap of a single piece that turns at this distance, mm.
+    /// Makes it a tap of a single piece that turns at this distance, mm, and goes back at this part of its speed.
     ///
     /// # Errors
     /// [`ThreadError::TooShort`] if the path is not at its full pitch there.
-    pub(crate) fn turning_at(mut self, depth_mm: f64) -> Result<Self, ThreadError> {
+    pub(crate) fn turning_at(mut self, depth_mm: f64, return_factor: f64) -> Result<Self, ThreadError> {
         let records = self.along_mm.partition_point(|&mm| mm < depth_mm);
         let [first, end] = self.straight;
         if !(first..=end).contains(&records) {
@@ -73,8 +73,7 @@ impl<const A: usize> ThreadPlan<A> {
             return Err(ThreadError::TooShort { needs_mm: run_in.max(run_out) });
         }
         self.gear.control = SpindleControl::Tap(records as u32);
-        // Out of the hole it turns as fast as into it.
-        self.gear.reverse_share = 1 << 8;
+        self.gear.reverse_share = (256.0 * return_factor).round().clamp(1.0, f64::from(u16::MAX)) as u16;
         Ok(self)
     }
 }

@@ -170,7 +170,12 @@ pub enum Canon {
     },
     StopSpeedFeedSynch,
     /// Taps to X Y Z and back, synchronised with the spindle, which reverses there.
-    RigidTap([f64; 3]),
+    RigidTap {
+        /// X, Y and Z of the depth.
+        end: [f64; 3],
+        /// Speed of the spindle on the way back, in parts of that on the way in.
+        return_factor: f64,
+    },
     StartChange,
     /// Changes to the selected tool; the number of the tool, 0 for none.
     ChangeTool {
@@ -298,7 +303,7 @@ impl Canon {
                 | Canon::NurbsFeed(_)
                 | Canon::UnknownMotion(_)
                 | Canon::StraightProbe(..)
-                | Canon::RigidTap(_)
+                | Canon::RigidTap { .. }
                 | Canon::Dwell(_)
                 | Canon::Wait(_)
                 | Canon::WaitSpindleOrientComplete(_)

@@ -155,7 +155,8 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::StartSpeedFeedSynch { pitch, start_degrees } => {
             write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0,{start_degrees:.4})")
         }
-        Canon::RigidTap(end) => {
+        // As `rs274` prints it, without the factor.
+        Canon::RigidTap { end, .. } => {
             out.push_fixed(b"RIGID_TAP(");
             push_numbers(out, end)
         }

@@ -237,7 +237,7 @@ impl Contour {
                 | Canon::SetG92Offset(_)
                 | Canon::SetXyRotation(_) => return Err(refused(&StockRemovalError::ChangeInside(line))),
                 Canon::StartSpeedFeedSynch { .. }
-                | Canon::RigidTap(_)
+                | Canon::RigidTap { .. }
                 | Canon::NurbsFeed(_)
                 | Canon::UnknownMotion(_)
                 | Canon::StraightProbe(..) => return Err(refused(&StockRemovalError::Interpolation(line))),

@@ -100,6 +100,25 @@ fn a_tap_that_is_reversed_early_turns_at_its_depth() {
     assert!(holes.len() == 2 && holes.iter().all(|z| (-12_000..=-11_000).contains(z)), "{holes:?}");
 }
 
+/// I of G33.1 is the speed of the way back in parts of that of the way in: on the same helix, to where it began.
+#[test]
+fn a_tap_comes_back_faster_than_it_went_in() {
+    let program = "G21 G90\nS600 M3\nG0 X5 Z5\nG33.1 Z-30 K1 I2\nG0 X10\nM5\nM2\n";
+    let (run, samples) = run(ENCODER, program, "");
+    assert_eq!((&run.report["outcome"], run.counts()), (&"completed".into(), vec![10_000, 0, 5_000]));
+    assert_eq!((&run.report["limit_violations"], holes(&samples, 0).len()), (&0.into(), 1));
+    // Time from 20 mm below to 25 mm below, and back: 5 turns at 600 and at 1200 a minute.
+    let at = |z: i64, is_back: bool| {
+        let mut found = samples.iter().filter(|sample| sample.counts[2] <= z).map(|sample| sample.at_us);
+        if is_back { found.next_back() } else { found.next() }.expect("it goes there") as f64 / 1e6
+    };
+    let [way_in, way_back] = [at(-25_000, false) - at(-20_000, false), at(-20_000, true) - at(-25_000, true)];
+    assert!((way_in - 0.5).abs() < 0.01 && (way_back - 0.25).abs() < 0.01, "{way_in} s and {way_back} s");
+    for (words, number) in [("I6", "E4322"), ("I0", "E1105"), ("I-1", "E1105")] {
+        assert_refused(ENCODER, &format!("S600 M3\nG33.1 Z-30 K1 {words}"), number);
+    }
+}
+
 /// Without reversal, a floating tap is what the cycles do, as before.
 #[test]
 fn the_cycles_tap_in_a_floating_holder_without_a_word_about_it() {

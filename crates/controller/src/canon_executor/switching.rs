@@ -108,7 +108,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(highest_rpm) => self.set_spindle_mode(*highest_rpm),
             // Geared motion is collected elsewhere; this is one with unknown values, of a check.
-            Canon::StartSpeedFeedSynch { .. } | Canon::RigidTap(_) => Ok(()),
+            Canon::StartSpeedFeedSynch { .. } | Canon::RigidTap { .. } => Ok(()),
             Canon::OrientSpindle { degrees, timeout_s, .. } => self.orient_spindle(*degrees, *timeout_s, line, sink),
             // Part of the function before it.
             Canon::WaitSpindleOrientComplete(_) => Ok(()),

@@ -57,9 +57,9 @@ impl CanonExecutor<'_> {
                 let pitch_mm = *pitch_mm;
                 Some(self.add_thread_piece::<A>(end, pitch_mm, line))
             }
-            (Canon::RigidTap(end), Some(CollectedThread { pitch_mm: Some(pitch_mm), .. })) => {
+            (Canon::RigidTap { end, return_factor }, Some(CollectedThread { pitch_mm: Some(pitch_mm), .. })) => {
                 let pitch_mm = *pitch_mm;
-                Some(self.end_thread(sink).and_then(|()| self.rigid_tap(end, pitch_mm, line, sink)))
+                Some(self.end_thread(sink).and_then(|()| self.rigid_tap(end, (pitch_mm, *return_factor), line, sink)))
             }
             (Canon::Comment(_) | Canon::Note(_), Some(_)) => Some(Ok(())),
             (Canon::DisableFeedOverride | Canon::EnableFeedOverride, Some(_)) => {
@@ -113,7 +113,7 @@ impl CanonExecutor<'_> {
     fn rigid_tap<const A: usize>(
         &mut self,
         end: &[f64; 3],
-        pitch_mm: f64,
+        (pitch_mm, return_factor): (f64, f64),
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
@@ -130,7 +130,8 @@ impl CanonExecutor<'_> {
         let depth_mm = self.machine_coordinates::<A>(&really(position))?;
         // The card turns the spindle back as it was, and the next feed waits for it.
         self.awaits_speed = true;
-        sink.tap(&RigidTap { from_mm, depth_mm, pitch_mm, rpm: self.rpm, line }, &encoder)?;
+        let return_rpm = self.rpm * return_factor;
+        sink.tap(&RigidTap { from_mm, depth_mm, pitch_mm, rpm: self.rpm, return_rpm, line }, &encoder)?;
         Ok(())
     }
 

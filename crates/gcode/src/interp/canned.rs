@@ -319,7 +319,8 @@ fn tap(
         let mut depth = hole.at;
         depth[hole.axes[2]] = bottom;
         hole.emit.call(Canon::StartSpeedFeedSynch { pitch, start_degrees: 0.0 });
-        hole.emit.call(Canon::RigidTap([depth[Axis::X], depth[Axis::Y], depth[Axis::Z]]));
+        let end = [depth[Axis::X], depth[Axis::Y], depth[Axis::Z]];
+        hole.emit.call(Canon::RigidTap { end, return_factor: 1.0 });
         hole.emit.call(Canon::StopSpeedFeedSynch);
         if hole.at[hole.axes[2]] != retract {
             hole.traverse_to(retract);

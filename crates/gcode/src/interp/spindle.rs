@@ -58,7 +58,8 @@ impl Core {
         let start_degrees = words.get(b'q').unwrap_or_default().rem_euclid(360.0);
         emit.call(Canon::StartSpeedFeedSynch { pitch, start_degrees });
         if motion == MotionMode::RigidTap {
-            emit.call(Canon::RigidTap([end[Axis::X], end[Axis::Y], end[Axis::Z]]));
+            let end = [end[Axis::X], end[Axis::Y], end[Axis::Z]];
+            emit.call(Canon::RigidTap { end, return_factor: words.get(b'i').unwrap_or(1.0) });
         } else {
             emit.call(Canon::StraightFeed(end));
             self.state.position = end;
@@ -151,6 +152,10 @@ fn check_synchronised(motion: MotionMode, words: &Words) -> BlockResult<()> {
         }
         Some(0.0) => return fault(ErrorCode::ZeroPitch, words.span(b'k'), ErrorCode::ZeroPitch.title()),
         Some(_) => {}
+    }
+    if words.get(b'i').is_some_and(|factor| factor <= 0.0) {
+        let message = "I of G33.1, the speed of the way back in parts of that of the way in, is above 0";
+        return fault(ErrorCode::NegativeValue, words.span(b'i'), message);
     }
     match words.first_of(b"abcuvw") {
         Some(letter) if motion == MotionMode::RigidTap => {

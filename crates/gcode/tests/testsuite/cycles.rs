@@ -19,7 +19,7 @@ fn moves(program: &str) -> String {
         Some(match step.canon {
             Canon::StraightTraverse(end) => format!("T{} {} {}", end.0[0], end.0[1], end.0[2]),
             Canon::StraightFeed(end) => format!("F{} {} {}", end.0[0], end.0[1], end.0[2]),
-            Canon::RigidTap([x, y, z]) => format!("tap {x} {y} {z}"),
+            Canon::RigidTap { end: [x, y, z], .. } => format!("tap {x} {y} {z}"),
             Canon::Dwell(seconds) => format!("dwell {seconds}"),
             Canon::StartSpindleClockwise(_) => "cw".to_owned(),
             Canon::StartSpindleCounterclockwise(_) => "ccw".to_owned(),
