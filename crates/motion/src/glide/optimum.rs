@@ -9,6 +9,7 @@
 //! each track can still come to rest within its length. It depends on the tracks alone.
 
 use std::cmp::Ordering;
+use std::ops::Range;
 
 use crate::glide::ramp_pair::{CELLS, Ramp, RampPair};
 use crate::glide::simplex::LinearProgram;
@@ -71,13 +72,46 @@ impl Tangent {
     }
 }
 
+/// A limit: the sum of the jerks with these coefficients is at most 1.
+#[derive(Clone, Debug)]
+struct LimitRow {
+    coefficients: [f64; UNKNOWN],
+    /// Jerks of each track outside of which the coefficients are 0.
+    used: [Range<usize>; 2],
+    /// The only jerk that has a coefficient.
+    only: Option<usize>,
+}
+
+impl LimitRow {
+    /// `None` where no jerk has an effect.
+    fn new(n: usize, coefficients: [f64; UNKNOWN]) -> Option<Self> {
+        if coefficients.iter().all(|x| x.abs() <= 1e-9) {
+            return None;
+        }
+        let used = [0..n, n..2 * n].map(|mut side| {
+            let has = |k: &usize| coefficients[*k] != 0.0;
+            side.clone().find(has).map_or(0..0, |first| first..side.rfind(has).unwrap_or(first) + 1)
+        });
+        let mut own = (0..2 * n).filter(|k| coefficients[*k] != 0.0);
+        let first = own.next();
+        let only = if own.next().is_none() { first } else { None };
+        Some(Self { coefficients, used, only })
+    }
+
+    /// The jerks with their coefficients.
+    fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
+        let [one, two] = self.used.clone();
+        one.chain(two).map(|k| (k, self.coefficients[k]))
+    }
+}
+
 /// Search for glides; it retains its memory.
 #[derive(Debug, Default)]
 pub(crate) struct Optimiser {
     program: LinearProgram,
     /// Intervals of constant jerk in each ramp.
     n: usize,
-    rows: Vec<([f64; UNKNOWN], f64)>,
+    rows: Vec<LimitRow>,
     tangents: [Vec<Tangent>; 2],
     /// Tangents on what must stay below 0.
     walls: [Vec<Tangent>; 2],
@@ -229,46 +263,43 @@ impl Optimiser {
     fn step(&mut self, x: &[f64; UNKNOWN], trust: f64) -> ([f64; COLUMNS], f64) {
         let (n, unknown) = (self.n, 2 * self.n);
         self.program.clear(unknown + 2);
-        let mut row = [0.0; COLUMNS];
-        let row = &mut row[..unknown + 2];
         let bounds = self.bounds(x, trust);
-        for (coefficients, most) in &self.rows {
-            let free = most - coefficients.iter().zip(x).map(|(c, x)| c * x).sum::<f64>();
-            // A row that no step makes tight takes time and changes nothing.
-            let used: f64 =
-                coefficients.iter().zip(bounds).map(|(c, [least, most])| f64::max(c * least, c * most)).sum();
-            if used < NEVER_TIGHT * free {
-                continue;
-            }
-            row[..unknown].copy_from_slice(&coefficients[..unknown]);
-            self.program.row(row, free);
-        }
-        row.fill(0.0);
-        for k in 0..unknown {
-            for (sign, bound) in [(1.0, bounds[k][1]), (-1.0, -bounds[k][0])] {
-                row[k] = sign;
-                if bound >= NEVER_TIGHT * trust {
-                    self.program.row(row, trust);
+        for row in &self.rows {
+            let (mut taken, mut used) = (0.0, 0.0);
+            for part in &row.used {
+                for ((c, x), [least, most]) in
+                    row.coefficients[part.clone()].iter().zip(&x[part.clone()]).zip(&bounds[part.clone()])
+                {
+                    taken += c * x;
+                    used += f64::max(c * least, c * most);
                 }
             }
-            row[k] = 0.0;
+            let free = 1.0 - taken;
+            // A row that no step makes tight takes time and changes nothing.
+            if used >= NEVER_TIGHT * free {
+                self.program.row(row.iter(), free);
+            }
+        }
+        for (k, [least, most]) in bounds[..unknown].iter().enumerate() {
+            for (sign, bound) in [(1.0, *most), (-1.0, -least)] {
+                if bound >= NEVER_TIGHT * trust {
+                    self.program.row([(k, sign)].into_iter(), trust);
+                }
+            }
         }
         for side in 0..2 {
             let own = &x[side * n..(side + 1) * n];
             let here = self.tangents[side].iter().map(|t| t.value(own)).fold(f64::MIN, f64::max);
             for tangent in &self.tangents[side] {
-                row.fill(0.0);
-                row[side * n..(side + 1) * n].copy_from_slice(&tangent.slope[..n]);
-                row[unknown + side] = -1.0;
-                self.program.row(row, here - tangent.value(own));
+                let slope = (side * n..).zip(tangent.slope[..n].iter().copied());
+                self.program.row(slope.chain([(unknown + side, -1.0)]), here - tangent.value(own));
             }
         }
         for side in 0..2 {
             let own = &x[side * n..(side + 1) * n];
             for wall in &self.walls[side] {
-                row.fill(0.0);
-                row[side * n..(side + 1) * n].copy_from_slice(&wall.slope[..n]);
-                self.program.row(row, -wall.value(own) - WALL_MARGIN);
+                let slope = (side * n..).zip(wall.slope[..n].iter().copied());
+                self.program.row(slope, -wall.value(own) - WALL_MARGIN);
             }
         }
         let mut cost = [0.0; COLUMNS];
@@ -281,12 +312,12 @@ impl Optimiser {
     /// Least and greatest step of each jerk: within the trust region, and within the limits of that jerk alone.
     fn bounds(&self, x: &[f64; UNKNOWN], trust: f64) -> [[f64; 2]; UNKNOWN] {
         let mut bounds = [[-trust, trust]; UNKNOWN];
-        for (coefficients, most) in &self.rows {
-            let mut own = coefficients.iter().enumerate().filter(|(_, c)| **c != 0.0);
-            if let (Some((k, c)), None) = (own.next(), own.next()) {
-                let bound = (most - c * x[k]).max(0.0) / c;
+        for row in &self.rows {
+            if let Some(k) = row.only {
+                let c = row.coefficients[k];
+                let bound = (1.0 - c * x[k]).max(0.0) / c;
                 let [least, most] = &mut bounds[k];
-                if *c > 0.0 {
+                if c > 0.0 {
                     *most = most.min(bound);
                 } else {
                     *least = least.max(bound);
@@ -320,9 +351,7 @@ impl Optimiser {
                 row[k] = one[k] * p / most;
                 row[n + k] = two[k] * q / most;
             }
-            if row.iter().any(|x| x.abs() > 1e-9) {
-                self.rows.push((row, 1.0));
-            }
+            self.rows.extend(LimitRow::new(n, row));
         };
         let unit = |k: usize| -> [f64; CELLS] { std::array::from_fn(|i| if i == k { jerk } else { 0.0 }) };
         let none = [0.0; CELLS];

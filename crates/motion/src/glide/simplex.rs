@@ -10,73 +10,99 @@
 #[derive(Debug, Default)]
 pub(crate) struct LinearProgram {
     columns: usize,
-    /// Length of a row in the table.
-    width: usize,
-    /// Rows of `columns` coefficients and the right side, with zeros up to whole lanes.
+    /// The coefficients as they are added, each with its row and column.
+    coefficients: Vec<(usize, usize, f64)>,
+    /// Coefficients of the tableau, column by column, so that all rows are calculated together.
     table: Vec<f64>,
+    /// Right side of each row.
+    most: Vec<f64>,
+    /// Least right side of each row, and the rate above which it can become tight: rows of free variables may have any
+    /// right side, and never become tight.
+    least: Vec<f64>,
+    least_rate: Vec<f64>,
     /// Variable of each row: free variables 0 … columns − 1, then the slacks.
     basic: Vec<usize>,
     nonbasic: Vec<usize>,
-    /// Reduced costs, and the value so far.
+    /// Reduced costs.
     cost: Vec<f64>,
-    /// Row of the pivot, retained for its memory.
-    pivot: Vec<f64>,
+    /// Numbers of the entering column, and how far it may go until each row is tight; retained for their memory.
+    factors: Vec<f64>,
+    ratios: Vec<f64>,
 }
 
-/// Rows are padded to a multiple of so many numbers, which are calculated together.
-const LANES: usize = 4;
 /// Steps after which a program stops: at an allowed point, though maybe not the best.
 const MAX_STEPS: usize = 400;
+/// Smaller numbers of the entering column count as 0.
+const LEAST_RATE: f64 = 1e-11;
 
 impl LinearProgram {
     /// Resets to an empty program with `columns` variables.
     pub(crate) fn clear(&mut self, columns: usize) {
         self.columns = columns;
-        self.width = (columns + 1).next_multiple_of(LANES);
-        self.table.clear();
+        self.coefficients.clear();
+        self.most.clear();
         self.basic.clear();
         self.nonbasic.clear();
         self.nonbasic.extend(0..columns);
-        self.cost.clear();
-        self.cost.resize(self.width, 0.0);
     }
 
-    /// Adds the row `coefficients · z ≤ most`; a negative `most` counts as 0.
-    pub(crate) fn row(&mut self, coefficients: &[f64], most: f64) {
-        self.table.extend_from_slice(coefficients);
-        self.table.push(most.max(0.0));
-        self.table.resize(self.table.len().next_multiple_of(LANES), 0.0);
-        self.basic.push(self.columns + self.basic.len());
+    /// Adds the row `coefficients · z ≤ most`, where each coefficient has its column, and the others are 0; a negative
+    /// `most` counts as 0.
+    pub(crate) fn row(&mut self, coefficients: impl Iterator<Item = (usize, f64)>, most: f64) {
+        let row = self.basic.len();
+        self.coefficients.extend(coefficients.map(|(column, x)| (row, column, x)));
+        self.most.push(most.max(0.0));
+        self.basic.push(self.columns + row);
     }
 
     /// Maximises c·z and writes z.
     pub(crate) fn maximise(&mut self, c: &[f64], z: &mut [f64]) {
-        self.cost[..self.columns].copy_from_slice(c);
+        self.begin(c);
         for step in 0..MAX_STEPS {
             let Some((column, sign)) = self.entering(step) else { break };
-            if sign < 0.0 {
-                self.flip(column);
-            }
-            let Some(row) = self.leaving(column) else { break };
+            self.take_column(column, sign);
+            let Some(row) = self.leaving() else { break };
             self.exchange(row, column);
         }
         z.fill(0.0);
-        let width = self.width;
-        for (row, variable) in self.basic.iter().enumerate() {
+        for (&variable, most) in self.basic.iter().zip(&self.most) {
             let (variable, sign) = (variable & !FLIPPED, if variable & FLIPPED != 0 { -1.0 } else { 1.0 });
             if variable < self.columns {
-                z[variable] = sign * self.table[row * width + self.columns];
+                z[variable] = sign * most;
             }
         }
+    }
+
+    /// Fills the tableau from the rows.
+    fn begin(&mut self, c: &[f64]) {
+        let rows = self.basic.len();
+        self.cost.clear();
+        self.cost.extend_from_slice(c);
+        self.table.clear();
+        self.table.resize(self.columns * rows, 0.0);
+        for &(row, column, x) in &self.coefficients {
+            self.table[column * rows + row] = x;
+        }
+        let fill = |numbers: &mut Vec<f64>, start| {
+            numbers.clear();
+            numbers.resize(rows, start);
+        };
+        fill(&mut self.least, 0.0);
+        fill(&mut self.least_rate, LEAST_RATE);
+        fill(&mut self.factors, 0.0);
+        fill(&mut self.ratios, 0.0);
+    }
+
+    /// Whether a variable is free, not a slack.
+    fn is_free(&self, variable: usize) -> bool {
+        variable & !FLIPPED < self.columns
     }
 
     /// The column that gains most; in late steps, the first that gains at all, which cannot cycle (Bland 1977).
     fn entering(&self, step: usize) -> Option<(usize, f64)> {
         let mut best = (1e-10, None);
-        for (column, variable) in self.nonbasic.iter().enumerate() {
-            let gain = self.cost[column];
-            let free = variable & !FLIPPED < self.columns;
-            let size = if free { gain.abs() } else { gain };
+        for (column, (&variable, &gain)) in self.nonbasic.iter().zip(&self.cost).enumerate() {
+            let size = if self.is_free(variable) { gain.abs() } else { gain };
             if size > best.0 {
                 best = (if step > MAX_STEPS / 2 { f64::MAX } else { size }, Some((column, gain.signum())));
             }
@@ -84,60 +110,62 @@ impl LinearProgram {
         best.1
     }
 
-    /// Reverses the sign of the free variable of a column.
-    fn flip(&mut self, column: usize) {
-        self.nonbasic[column] ^= FLIPPED;
-        self.cost[column] = -self.cost[column];
-        for row in self.table.chunks_exact_mut(self.width) {
-            row[column] = -row[column];
+    /// Copies the entering column. Reverses the sign of its free variable, if `sign` is −1.
+    fn take_column(&mut self, column: usize, sign: f64) {
+        let rows = self.basic.len();
+        if sign < 0.0 {
+            self.nonbasic[column] ^= FLIPPED;
+            self.cost[column] = -self.cost[column];
+        }
+        for (factor, x) in self.factors.iter_mut().zip(&self.table[column * rows..]) {
+            *factor = sign * x;
         }
     }
 
-    /// The row that is the first to become tight; rows of free variables never do.
-    fn leaving(&self, column: usize) -> Option<usize> {
+    /// The row that is the first to become tight.
+    fn leaving(&mut self) -> Option<usize> {
+        let rates = self.factors.iter().zip(&self.least_rate);
+        for (ratio, (most, (&rate, &least))) in self.ratios.iter_mut().zip(self.most.iter().zip(rates)) {
+            let own = most / rate;
+            *ratio = if rate > least { own } else { f64::INFINITY };
+        }
         let mut best: (f64, f64, Option<usize>) = (f64::MAX, 0.0, None);
-        for (row, numbers) in self.table.chunks_exact(self.width).enumerate() {
-            let rate = numbers[column];
-            if rate > 1e-11 && self.basic[row] & !FLIPPED >= self.columns {
-                let ratio = numbers[self.columns] / rate;
-                if ratio < best.0 - 1e-12 || (ratio <= best.0 && rate > best.1) {
-                    best = (ratio, rate, Some(row));
-                }
+        for (row, (&ratio, &rate)) in self.ratios.iter().zip(&self.factors).enumerate() {
+            if ratio <= best.0 && (ratio < best.0 - 1e-12 || rate > best.1) {
+                best = (ratio, rate, Some(row));
             }
         }
         best.2
     }
 
-    /// Exchanges the entering variable of `column` and the leaving one of `row`.
+    /// Exchanges the entering variable of `column`, which was copied, and the leaving one of `row`.
     fn exchange(&mut self, row: usize, column: usize) {
-        let width = self.width;
-        let inverse = 1.0 / self.table[row * width + column];
-        let own = &mut self.table[row * width..(row + 1) * width];
-        own[column] = 1.0;
-        for x in own.iter_mut() {
-            *x *= inverse;
-        }
-        self.pivot.clear();
-        self.pivot.extend_from_slice(own);
-        for (k, numbers) in self.table.chunks_exact_mut(width).enumerate() {
-            let factor = numbers[column];
-            if k != row && factor != 0.0 {
-                numbers[column] = 0.0;
-                for (x, p) in numbers.iter_mut().zip(&self.pivot) {
-                    *x -= factor * p;
-                }
-                numbers[self.columns] = if self.basic[k] & !FLIPPED < self.columns {
-                    numbers[self.columns]
-                } else {
-                    numbers[self.columns].max(0.0)
-                };
+        let rows = self.basic.len();
+        let inverse = 1.0 / std::mem::take(&mut self.factors[row]);
+        let gain = std::mem::take(&mut self.cost[column]);
+        for (index, numbers) in self.table.chunks_exact_mut(rows).enumerate() {
+            if index == column {
+                numbers.fill(0.0);
             }
+            let pivot = if index == column { inverse } else { numbers[row] * inverse };
+            if pivot != 0.0 {
+                for (x, factor) in numbers.iter_mut().zip(&self.factors) {
+                    *x -= factor * pivot;
+                }
+                self.cost[index] -= gain * pivot;
+            }
+            numbers[row] = pivot;
         }
-        let factor = std::mem::take(&mut self.cost[column]);
-        for (x, p) in self.cost.iter_mut().zip(&self.pivot) {
-            *x -= factor * p;
+        let most = self.most[row] * inverse;
+        for (own, (factor, &least)) in self.most.iter_mut().zip(self.factors.iter().zip(&self.least)) {
+            let x = *own - factor * most;
+            *own = if x > least { x } else { least };
         }
         std::mem::swap(&mut self.basic[row], &mut self.nonbasic[column]);
+        self.most[row] = most;
+        let is_free = self.is_free(self.basic[row]);
+        self.least[row] = if is_free { f64::NEG_INFINITY } else { 0.0 };
+        self.least_rate[row] = if is_free { f64::INFINITY } else { LEAST_RATE };
     }
 }
 
@@ -153,7 +181,7 @@ mod tests {
         let mut program = LinearProgram::default();
         program.clear(c.len());
         for (row, most) in rows {
-            program.row(row, *most);
+            program.row(row.iter().copied().enumerate(), *most);
         }
         let mut z = vec![0.0; c.len()];
         program.maximise(c, &mut z);
