@@ -168,6 +168,9 @@ struct MainPiece<const A: usize> {
 pub struct ThreadPlanner<const A: usize> {
     /// Planner of the last stretch, for its glides.
     last: Option<Planner<A>>,
+    /// Memory for the records of the next plan, and for its distances along the longest piece.
+    records: Vec<Record<A>>,
+    along_mm: Vec<f64>,
 }
 
 impl<const A: usize> ThreadPlanner<A> {
@@ -182,7 +185,20 @@ impl<const A: usize> ThreadPlanner<A> {
         encoder: &EncoderConfig,
         from_mm: [f64; A],
     ) -> Result<ThreadPlan<A>, ThreadError> {
-        stretch.plan(machine, encoder, from_mm, &mut self.last)
+        stretch.plan(machine, encoder, from_mm, self)
+    }
+
+    /// Run-in and run-out of a stretch from a position at rest, mm. The memory of its plan is retained.
+    fn run_mm(
+        &mut self,
+        stretch: &ThreadStretch<A>,
+        machine: &MachineConfig,
+        encoder: &EncoderConfig,
+        from_mm: [f64; A],
+    ) -> Result<[f64; 2], ThreadError> {
+        let plan = self.plan(stretch, machine, encoder, from_mm)?;
+        (self.records, self.along_mm) = (plan.records, plan.along_mm);
+        Ok(plan.run_mm)
     }
 }
 
@@ -206,11 +222,11 @@ impl ThreadCheck {
         encoder: &EncoderConfig,
         from_mm: [f64; A],
     ) -> Result<[f64; 2], ThreadError> {
-        Ok(if machine.axes.len() <= 4 {
-            self.of_four.plan(&stretch.resized(), machine, encoder, resized(&from_mm))?.run_mm
+        if machine.axes.len() <= 4 {
+            self.of_four.run_mm(&stretch.resized(), machine, encoder, resized(&from_mm))
         } else {
-            self.of_nine.plan(&stretch.resized(), machine, encoder, resized(&from_mm))?.run_mm
-        })
+            self.of_nine.run_mm(&stretch.resized(), machine, encoder, resized(&from_mm))
+        }
     }
 }
 
@@ -236,7 +252,7 @@ impl<const A: usize> ThreadStretch<A> {
         machine: &MachineConfig,
         encoder: &EncoderConfig,
         from_mm: [f64; A],
-        last: &mut Option<Planner<A>>,
+        memory: &mut ThreadPlanner<A>,
     ) -> Result<ThreadPlan<A>, ThreadError> {
         let share = ACCELERATION_SHARE * (1.0 - machine.reserve);
         let limits = MachineLimits { reserve: 1.0 - share, ..machine.limits::<A>() };
@@ -252,7 +268,7 @@ impl<const A: usize> ThreadStretch<A> {
             return Err(ThreadError::TooLong { turns });
         }
         // Distances along the main piece at each place: before the first record, and behind each.
-        let (records, along_mm) = self.planned(limits, per_s, &main, from_mm, last)?;
+        let (records, along_mm) = self.planned(limits, per_s, &main, from_mm, memory)?;
         let pitch_mm = self.pieces[main.index].pitch_mm;
         let step_mm = pitch_mm / f64::from(records_per_turn);
         let Some([first, end]) = straight_part(&along_mm, step_mm, main.length_mm) else {
@@ -360,17 +376,20 @@ impl<const A: usize> ThreadStretch<A> {
         per_s: f64,
         main: &MainPiece<A>,
         from_mm: [f64; A],
-        last: &mut Option<Planner<A>>,
+        memory: &mut ThreadPlanner<A>,
     ) -> Result<(Vec<Record<A>>, Vec<f64>), ThreadError> {
         let along = |at: &[f64; A]| -> f64 {
             at.iter().zip(&main.from_mm).zip(&main.direction).map(|((at, from), share)| (at - from) * share).sum()
         };
         // A machine that was checked has limits, and only its reserve differs.
         let mut planner = Planner::new(limits, from_mm).map_err(|_| ThreadError::NoSpeed)?.with_exact_feed();
-        if let Some(last) = last.take() {
+        if let Some(last) = memory.last.take() {
             planner = planner.with_glides_of(last);
         }
-        let (mut records, mut along_mm) = (Vec::new(), vec![along(&from_mm)]);
+        let (mut records, mut along_mm) = (std::mem::take(&mut memory.records), std::mem::take(&mut memory.along_mm));
+        records.clear();
+        along_mm.clear();
+        along_mm.push(along(&from_mm));
         let mut take = |planner: &mut Planner<A>| {
             while let Some(record) = planner.next_record() {
                 let line = self.pieces.get(record.line as usize).map_or(0, |piece| piece.line);
@@ -385,7 +404,7 @@ impl<const A: usize> ThreadStretch<A> {
         }
         planner.stop(Flags::NONE);
         take(&mut planner);
-        *last = Some(planner);
+        memory.last = Some(planner);
         let stops = records.iter().filter(|record| record.flags.contains(Flags::REST)).count();
         if stops > 1 { Err(ThreadError::StopsInside) } else { Ok((records, along_mm)) }
     }
