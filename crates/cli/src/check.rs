@@ -42,10 +42,13 @@ fn print_report<const A: usize>(
     program: &Program,
 ) -> Result<(), CommandFailure> {
     let mut diagnostics = Vec::new();
-    // A program that cannot run is not planned: moves beyond the travel may have any length.
-    let checked = match program.check_silently_with_progress(machine) {
-        Ok(threads) => program.analyse::<A>(machine, threads, &mut diagnostics),
-        Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
+    let checked = match program.analyse_at_once::<A>(machine, &mut diagnostics) {
+        Some(checked) => Ok(Some(checked)),
+        // A program that cannot run is not planned: moves beyond the travel may have any length.
+        None => match program.check_silently_with_progress(machine) {
+            Ok(threads) => program.analyse::<A>(machine, threads, &mut diagnostics),
+            Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
+        },
     };
     if let (true, Err(CommandFailure::Program)) = (args.format.json, &checked) {
         crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));

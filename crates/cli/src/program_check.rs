@@ -11,9 +11,12 @@ use serde_json::Value;
 
 use crate::command_failure::CommandFailure;
 use crate::decoder::Decoder;
-use crate::diagnostic_json;
+use crate::diagnostic_json::{self, DiagnosticPrinter};
 use crate::escape;
 use crate::program::Program;
+
+/// Maximum number of lines of a program that is checked and planned at once: an error is found after its planning.
+const MAX_LINES_AT_ONCE: u64 = 10_000;
 
 /// Result of the check of a program that may run.
 #[derive(Debug)]
@@ -59,6 +62,25 @@ impl Program {
     ) -> Result<(), CommandFailure> {
         let check = |decoder: &mut Decoder| Ok(check_program::<9>(machine, decoder));
         self.check_by(Self::report_decoder, diagnostics, check).map(|_| ())
+    }
+
+    /// Checks and plans a short program at once, for its times and extents: its blocks are decoded one time instead of
+    /// two. Adds the diagnostics to `diagnostics` for a script. Returns `None`, and prints nothing, where it is long or
+    /// has errors: [`Self::check_silently_with_progress`] finds them without planning, and [`Self::analyse`] the rest.
+    pub fn analyse_at_once<'m, const A: usize>(
+        &self,
+        machine: &'m MachineConfig,
+        diagnostics: &mut Vec<Value>,
+    ) -> Option<Checked<ProgramAnalysis<'m, A>>> {
+        self.prescan().filter(|prescan| prescan.lines() <= MAX_LINES_AT_ONCE && prescan.diagnostics().is_empty())?;
+        let mut decoder = self.report_decoder();
+        let (blocks, findings, found) = analyse_program(machine, &mut decoder, None).ok()?;
+        let all = self.diagnostics_of(&mut decoder, &findings);
+        if all.iter().any(|one| one.is_error) {
+            return None;
+        }
+        self.print_diagnostics(&decoder, all, diagnostics).ok()?;
+        Some(Checked { blocks, found })
     }
 
     /// Checks and plans the whole program, for its times and extents. `threads` are those of its check. Adds the
@@ -158,8 +180,24 @@ impl Program {
         // A stream must not be opened for a check.
         let mut decoder = decoder(self);
         let (blocks, findings, found) = scan(&mut decoder)?;
+        let all = self.diagnostics_of(&mut decoder, &findings);
+        self.print_diagnostics(&decoder, all, diagnostics)?;
+        Ok(Some(Checked { blocks, found }))
+    }
+
+    /// The diagnostics of a program that was checked; its progress bar is removed.
+    fn diagnostics_of(&self, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<DiagnosticPrinter> {
         decoder.progress = None;
-        let all = diagnostic_json::all(self, &mut decoder, &findings);
+        diagnostic_json::all(self, decoder, findings)
+    }
+
+    /// Prints the diagnostics, and adds them to `diagnostics`.
+    fn print_diagnostics(
+        &self,
+        decoder: &Decoder,
+        all: Vec<DiagnosticPrinter>,
+        diagnostics: &mut Vec<Value>,
+    ) -> Result<(), CommandFailure> {
         for one in &all {
             eprintln!("{}", escape::lines(&one.text));
         }
@@ -171,6 +209,6 @@ impl Program {
         if decoder.length_offset && !self.has_tool_lengths {
             eprintln!("note: no tool table (--tools): every tool has length 0");
         }
-        Ok(Some(Checked { blocks, found }))
+        Ok(())
     }
 }

@@ -119,7 +119,7 @@ fn threading_program() -> String {
     text + "M2\n"
 }
 
-/// Seconds for what `retrace check` does: the check of every move, then the analysis.
+/// Seconds for what `retrace check` does with a long program: the check of every move, then the analysis.
 fn check_threads(text: &Text, machine: &MachineConfig) -> (f64, u64) {
     let started = Instant::now();
     let setup = Setup::rs274();

@@ -179,6 +179,16 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         }
     }
 
+    /// Whether a position is beyond the soft limits.
+    pub(crate) fn is_beyond(&self, position_mm: &[f64; A]) -> bool {
+        LimitFinding::find(self.machine, position_mm, |_| true, 0).is_some()
+    }
+
+    /// Whether an arc from the last position leaves the soft limits on its way.
+    pub(crate) fn is_arc_beyond(&self, arc: &Arc<A>) -> bool {
+        extremes(&self.at, arc).iter().any(|point| self.is_beyond(point))
+    }
+
     fn visit(&mut self, point: &[f64; A], line: u32) {
         for extents in [&mut self.extents_mm, &mut self.last_mm] {
             for (range, &x) in extents.get_or_insert_with(|| point.map(|x| [x, x])).iter_mut().zip(point) {

@@ -217,12 +217,14 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         self.lines.front().filter(|&&(first, _)| first == serial).map_or(0, |&(_, line)| line)
     }
 
-    /// Whether a move to `end_mm` can be planned: it is made for certain, and its ends and its feed are known. The plan
-    /// continues at rest behind moves that cannot.
+    /// Whether a move to `end_mm` can be planned: it is made for certain, its ends and its feed are known, and it does
+    /// not leave the soft limits, where its path is not wanted: it may have any length then. The plan continues at rest
+    /// behind moves that cannot.
     fn begin_move(&mut self, end_mm: &[f64; A], feed: FeedRate) -> bool {
         let is_feed_unknown = matches!(feed, FeedRate::PerSecond(rate) if rate.is_nan());
         let at = *self.scan.position_mm();
-        if !self.is_certain || is_feed_unknown || has_unknown(end_mm) || has_unknown(&at) {
+        let is_known = !is_feed_unknown && !has_unknown(end_mm) && !has_unknown(&at);
+        if !self.is_certain || !is_known || self.path.is_none() && self.scan.is_beyond(end_mm) {
             self.rest();
             self.is_time_partial = true;
             return false;
@@ -379,7 +381,8 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     }
 
     fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
-        if has_unknown(&arc.centre_mm) || !self.begin_move(&arc.end_mm, feed) {
+        let is_beyond = self.path.is_none() && self.scan.is_arc_beyond(arc);
+        if has_unknown(&arc.centre_mm) || is_beyond || !self.begin_move(&arc.end_mm, feed) {
             self.rest();
             self.is_time_partial = true;
             return self.scan.arc(arc, feed, mode, line);
