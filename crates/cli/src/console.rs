@@ -94,7 +94,10 @@ impl<'m, const A: usize> Console<'m, A> {
             None => None,
             Some(path) => Some((create(path, machine)?, None)),
         };
-        let judge = LimitMonitor::new(&std::array::from_fn(axis), machine.period_s());
+        let jerks = machine.probing_jerks_mm_per_s3();
+        let jerk = |i: usize| jerks[i.min(jerks.len() - 1)];
+        let judge = LimitMonitor::new(&std::array::from_fn(axis), machine.period_s())
+            .with_probing_jerks(&std::array::from_fn(jerk));
         let names = ChannelNames::of_machine(machine);
         Ok(Self {
             show,
@@ -197,7 +200,11 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
                     self.monitor.skip_unmeasured();
                 }
                 self.last = Some((period.period, period.at_rest));
-                self.monitor.push(&period.increments, period.rate);
+                if period.is_probing {
+                    self.monitor.push_probing(&period.increments, period.rate);
+                } else {
+                    self.monitor.push(&period.increments, period.rate);
+                }
                 self.line = period.line;
                 self.write_record(period);
                 self.progress(period);

@@ -14,6 +14,7 @@ use retrace_link::{
 
 use crate::command_failure::CommandFailure;
 use crate::known_boards;
+use crate::probing_card::{Fault, ProbingCard};
 
 /// Card behind a serial port or a pseudo-terminal.
 pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
@@ -112,6 +113,13 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
     } else if machine.spindle_pwm().is_some() && !identity.has_spindle_pwm {
         misfits.push("card.spindle_pwm is set; the card has no output for S".into());
     }
+    let filter = machine.probing_rate_limits::<MAX_AXES>().map_or(0, |limits| limits.average());
+    if filter > settings.limits.average() && filter > identity.memory {
+        let most = identity.memory;
+        misfits.push(format!(
+            "probe.jerk_mm_per_s3 makes {filter} control periods of building up acceleration, the card supports {most}"
+        ));
+    }
     if machine.encoder.is_some() && !identity.has_spindle_encoder {
         misfits.push("spindle.counts_per_turn is set; the card reads no encoder of a spindle".into());
     }
@@ -177,8 +185,7 @@ const CLEARED_WITHIN: u32 = 500;
 /// operator takes.
 #[derive(Debug)]
 pub struct GreetedCard<const A: usize> {
-    card: SerialCard<A>,
-    settings: CardSettings<A>,
+    card: ProbingCard<A>,
     /// Status when it was greeted.
     status: CardStatus<A>,
     boot: u32,
@@ -188,20 +195,20 @@ pub struct GreetedCard<const A: usize> {
 impl<const A: usize> GreetedCard<A> {
     /// Card with this status.
     #[must_use]
-    pub fn new(card: SerialCard<A>, settings: CardSettings<A>, status: CardStatus<A>, boot: u32) -> Self {
-        Self { card, settings, status, boot, is_open: false }
+    pub fn new(card: ProbingCard<A>, status: CardStatus<A>, boot: u32) -> Self {
+        Self { card, status, boot, is_open: false }
     }
 
     /// Ends the epoch, if one is open.
     pub fn close(mut self) {
         if self.is_open {
             // The card is at rest, or has an alarm that says more than an error here would.
-            let _ = self.card.close();
+            let _ = self.card.card().close();
         }
     }
 
     fn open(&mut self, start: PathStart) -> Result<(), Fault<A>> {
-        self.card.wait_at_rest(nonce())?;
+        self.card.card().wait_at_rest(nonce())?;
         let mut counts = self.status.counts;
         let same = |greeting: &retrace_link::Greeting<A>| {
             // The card's greeting includes the layer.
@@ -212,10 +219,10 @@ impl<const A: usize> GreetedCard<A> {
                 .for_each(|n| *n += i64::from(self.status.layer));
             greeting.identity.boot == self.boot && greeting.counts == counts
         };
-        if !self.card.greeting().is_some_and(same) {
+        if !self.card.card().greeting().is_some_and(same) {
             return Err(LinkedCardError::Host(LinkError::Restarted));
         }
-        self.card.open(CardSettings { start, ..self.settings })?;
+        self.card.open(start)?;
         self.is_open = true;
         if self.card.status().alarm.is_some() {
             // A rejected command shows in the card's reports.
@@ -229,8 +236,6 @@ impl<const A: usize> GreetedCard<A> {
         Ok(())
     }
 }
-
-type Fault<const A: usize> = <LinkedCard<A, SerialPort> as MotionCard<A>>::Fault;
 
 impl<const A: usize> MotionCard<A> for GreetedCard<A> {
     type Fault = Fault<A>;

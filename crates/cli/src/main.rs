@@ -50,6 +50,7 @@ mod manual_inputs;
 mod materials;
 mod operate;
 mod probe;
+mod probing_card;
 mod program;
 mod program_check;
 mod program_stream;

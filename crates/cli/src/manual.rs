@@ -17,6 +17,7 @@ use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
 use crate::homing_notes::Homing;
 use crate::machine_tables::{self, TableFiles};
+use crate::probing_card::ProbingCard;
 use crate::sim_wiring::simulated;
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::{args, files, linked_card};
@@ -117,11 +118,12 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(RecordIndex::new(0))))
-        .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
-    let code = perform_on(args, machine, task, modal_context, &mut AnyCard::new(&mut *card), &homing)?;
+    let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
+    card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+    let mut card = ProbingCard::new(card, settings, machine);
+    let code = perform_on(args, machine, task, modal_context, &mut AnyCard::new(&mut card), &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.
-    let _ = card.close();
+    let _ = card.card().close();
     Ok(code)
 }
 

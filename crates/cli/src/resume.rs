@@ -28,6 +28,7 @@ use crate::journaled_job::{self, JournaledJob};
 use crate::linked_card::{self, GreetedCard};
 use crate::machine_tables::{self, TableFiles};
 use crate::operate::{self, ResumingJob};
+use crate::probing_card::ProbingCard;
 use crate::program::Program;
 use crate::program_stream::{ProgramStream, StreamSource};
 use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
@@ -292,7 +293,8 @@ impl ResumeStep<'_> {
         if !self.args.is_at_screen() {
             prepare_real_time();
         }
-        let mut card = GreetedCard::new(card, settings, status, greeting.identity.boot);
+        let card = ProbingCard::new(card, settings, &self.machine);
+        let mut card = GreetedCard::new(card, status, greeting.identity.boot);
         let homing = Homing::of(&address, &greeting.identity).at_screen();
         let code = self.run_job(program, script, (&mut AnyCard::new(&mut card), homing), start, named, true)?;
         card.close();

@@ -20,6 +20,7 @@ use crate::journaled_job::JournaledJob;
 use crate::linked_card;
 use crate::machine_tables::{self, TableFiles};
 use crate::operate;
+use crate::probing_card::ProbingCard;
 use crate::program::Program;
 use crate::program_stream::ProgramStream;
 use crate::saved_materials;
@@ -127,9 +128,10 @@ impl RunContext<'_> {
         let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
         if self.at_screen {
             card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+            let mut card = ProbingCard::new(card, settings, &machine);
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
-            let code = operate::operate(args, &machine, program, work, &mut AnyCard::new(&mut *card), &homing, None)?;
-            let _ = card.close();
+            let code = operate::operate(args, &machine, program, work, &mut AnyCard::new(&mut card), &homing, None)?;
+            let _ = card.card().close();
             return Ok(code);
         }
         let status = linked_card::read_status(&mut card, &args.port.card, settings)?;
@@ -137,10 +139,11 @@ impl RunContext<'_> {
         // From here on the card's watchdog expects messages from the host.
         prepare_real_time();
         card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+        let mut card = ProbingCard::new(card, settings, &machine);
         let job = self.job_runner(&machine, &program, journal, input);
-        let code = job.run(&mut AnyCard::new(&mut *card), Box::new(|_, _| Ok(())))?;
+        let code = job.run(&mut AnyCard::new(&mut card), Box::new(|_, _| Ok(())))?;
         // The card is at rest, or has an alarm that says more than an error here would.
-        let _ = card.close();
+        let _ = card.card().close();
         saved(args, &program, &machine, code)
     }
 

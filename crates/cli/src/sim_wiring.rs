@@ -39,7 +39,10 @@ pub fn simulated<const A: usize>(
     clock: Clock,
 ) -> Result<SimCard<A>, NumberedError> {
     let plant = PlantSettings { work, ..hung_on::<A>(machine, faults) };
-    SimCard::with_machine(machine.card_settings(PathStart::at(RecordIndex::new(0))), &plant, clock)
+    let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
+    let probing = machine.probing_rate_limits().unwrap_or(settings.limits);
+    SimCard::with_machine(settings, &plant, clock)
+        .map(|card| card.with_probing_limits(probing))
         .map_err(|_| NumberedError::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 

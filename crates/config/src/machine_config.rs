@@ -203,9 +203,9 @@ impl MachineConfig {
         cutter_inputs::declare_collision_inputs(&cutters, &mut card)?;
         let encoder = file.spindle.checked_encoder(period_us, card.watchdog_periods)?;
         let ahead = encoder.map_or(0, |encoder| u32::from(encoder.records_ahead) + IN_FLIGHT_RECORDS);
-        let look_ahead =
-            (stopping.look_ahead_records + 2 * IN_FLIGHT_RECORDS).max(ahead).max(periods(file.look_ahead_s));
-        let probe = file.probe.checked(&mut card, period_us)?;
+        let probe = file.probe.checked(&mut card, &axes, reserve, period_us)?;
+        let stop = stopping.look_ahead_records.max(probe.limits.stopping.look_ahead_records);
+        let look_ahead = (stop + 2 * IN_FLIGHT_RECORDS).max(ahead).max(periods(file.look_ahead_s));
         let spindle = file.spindle.checked(&cutters, &card, period_us)?;
         let manual_tool_change = file.manual_tool_change.checked(file.tool_change, &probe)?;
         let output_names = output_names(file.output, &cutters)?;
@@ -441,9 +441,14 @@ impl MachineConfig {
     /// Limits for the planner; missing axes have those of the first axis.
     #[must_use]
     pub fn limits<const A: usize>(&self) -> MachineLimits<A> {
+        self.limits_of(&self.axes)
+    }
+
+    /// Limits for the planner with the limits of these axes, one for each of the machine.
+    pub(crate) fn limits_of<const A: usize>(&self, axes: &[AxisConfig]) -> MachineLimits<A> {
         let each = |value: fn(&AxisConfig) -> f64| {
-            let mut all = [value(&self.axes[0]); A];
-            for (slot, axis) in all.iter_mut().zip(&self.axes) {
+            let mut all = [value(&axes[0]); A];
+            for (slot, axis) in all.iter_mut().zip(axes) {
                 *slot = value(axis);
             }
             all

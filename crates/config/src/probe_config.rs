@@ -6,9 +6,10 @@ use retrace_link::{InputUse, MAX_INPUTS};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::axis::refuse;
+use crate::axis::{AxisConfig, refuse};
 use crate::card_config::CardConfig;
 use crate::numbered_error::NumberedError;
+use crate::probing_limits::ProbingLimits;
 use crate::value_range::within;
 
 /// Whether the spindle may turn in a probing move.
@@ -41,6 +42,11 @@ pub(crate) struct ProbeSection {
     filter_us: f64,
     /// Longest way in mm from the touch to where the machine comes to rest. A faster feed is refused.
     overtravel_mm: f64,
+    /// Highest acceleration in mm/s² in a probing move. Default: that of each axis. An axis whose own is lower keeps it.
+    acceleration_mm_per_s2: Option<f64>,
+    /// Highest jerk in mm/s³ in a probing move, of all axes; it may be above theirs, for a shorter stop behind a touch.
+    /// Default: that of each axis.
+    jerk_mm_per_s3: Option<f64>,
     /// Whether a probe that trips in any other move is an alarm.
     guard: bool,
     /// Whether the spindle may turn in a probing move.
@@ -69,6 +75,8 @@ impl Default for ProbeSection {
         Self {
             filter_us: 0.0,
             overtravel_mm: 5.0,
+            acceleration_mm_per_s2: None,
+            jerk_mm_per_s3: None,
             guard: true,
             spindle: SpindleInProbing::Off,
             connected_input: None,
@@ -94,6 +102,8 @@ pub struct ProbeConfig {
     pub filter_periods: u16,
     /// Longest way from the touch to rest, mm.
     pub overtravel_mm: f64,
+    /// Limits of a probing move, where they differ from those of the axes.
+    pub limits: ProbingLimits,
     /// Whether the spindle may turn in a probing move.
     pub spindle_may_turn: bool,
     /// Where the machine is at rest behind a probing move that was answered.
@@ -114,7 +124,15 @@ pub struct ProbeConfig {
 
 impl ProbeSection {
     /// Checks the section. Without a guard the card sees a plain input.
-    pub(crate) fn checked(self, card: &mut CardConfig, period_us: u32) -> Result<ProbeConfig, NumberedError> {
+    pub(crate) fn checked(
+        self,
+        card: &mut CardConfig,
+        axes: &[AxisConfig],
+        reserve: f64,
+        period_us: u32,
+    ) -> Result<ProbeConfig, NumberedError> {
+        let machine = (axes, reserve, f64::from(period_us) * 1e-6);
+        let limits = ProbingLimits::checked(self.acceleration_mm_per_s2, self.jerk_mm_per_s3, machine)?;
         within("probe.filter_us", self.filter_us, 0.0, 20_000.0)?;
         within("probe.overtravel_mm", self.overtravel_mm, 0.001, 1000.0)?;
         within("probe.ball_diameter_mm", self.ball_diameter_mm.unwrap_or_default(), 0.0, 100.0)?;
@@ -142,6 +160,7 @@ impl ProbeSection {
             connected_input: self.connected_input,
             filter_periods: (self.filter_us / f64::from(period_us)).ceil() as u16,
             overtravel_mm: self.overtravel_mm,
+            limits,
             spindle_may_turn: self.spindle == SpindleInProbing::MayTurn,
             after: self.after,
             ball_diameter_mm: self.ball_diameter_mm,

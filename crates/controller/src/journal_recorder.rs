@@ -264,6 +264,7 @@ mod tests {
             spindle: retrace_link::SpindleStatus::default(),
             height: retrace_link::HeightState::Off,
             analog_inputs: retrace_link::AnalogInputs::default(),
+            is_probing: false,
         }
     }
 

@@ -119,6 +119,10 @@ pub struct LimitMonitor<const A: usize> {
     positions: [[i32; A]; RING_SIZE],
     /// Maximum permitted differences in pulses.
     bounds: Table<A>,
+    /// The same for windows with a probing move in them.
+    probing_bounds: Table<A>,
+    /// Number of periods since the last one of a probing move.
+    since_probing: usize,
     /// Largest observed differences in pulses.
     largest: Table<A>,
     periods: u64,
@@ -141,6 +145,8 @@ impl<const A: usize> LimitMonitor<A> {
             period_s,
             positions: [[0; A]; RING_SIZE],
             bounds: bounds(axes, period_s),
+            probing_bounds: bounds(axes, period_s),
+            since_probing: MAX_WINDOW,
             largest: [[[[0; A]; RATE_CLASSES]; ORDERS]; STRIDES],
             periods: 0,
             last_rate: Rate::ZERO,
@@ -152,8 +158,31 @@ impl<const A: usize> LimitMonitor<A> {
         }
     }
 
+    /// Sets the largest jerk of each axis in a probing move, mm/s³.
+    #[must_use]
+    pub fn with_probing_jerks(mut self, jerks_mm_s3: &[f64; A]) -> Self {
+        let axes = std::array::from_fn(|axis| MonitorLimits {
+            jerk_mm_s3: self.axes[axis].jerk_mm_s3.max(jerks_mm_s3[axis]),
+            ..self.axes[axis]
+        });
+        self.probing_bounds = bounds(&axes, self.period_s);
+        self
+    }
+
+    /// Checks one period of a probing move, also of one that is retraced. Windows with it in them may have the jerk of
+    /// a probing move.
+    pub fn push_probing(&mut self, increments: &[i32; A], rate: Rate) {
+        self.since_probing = 0;
+        self.check_period(increments, rate);
+    }
+
     /// Checks one period: the pulses that each axis emitted in it, and the rate of play.
     pub fn push(&mut self, increments: &[i32; A], rate: Rate) {
+        self.since_probing = (self.since_probing + 1).min(MAX_WINDOW);
+        self.check_period(increments, rate);
+    }
+
+    fn check_period(&mut self, increments: &[i32; A], rate: Rate) {
         let is_whole = rate == Rate::ZERO || rate.abs() == Rate::ONE;
         self.whole_for = if is_whole { (self.whole_for + 1).min(MAX_WINDOW) } else { 0 };
         // The rest before the first period has no rate of its own.
@@ -197,7 +226,8 @@ impl<const A: usize> LimitMonitor<A> {
                 break;
             }
             let play = RateClass::new(self.whole_for >= window, self.constant_for >= window) as usize;
-            let bounds = &self.bounds[stride][order][play];
+            let bounds = if self.since_probing < window { &self.probing_bounds } else { &self.bounds };
+            let bounds = &bounds[stride][order][play];
             let largest = &mut self.largest[stride][order][play];
             let mut offences = 0;
             for axis in 0..A {
@@ -339,6 +369,34 @@ mod tests {
         let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
         increments.into_iter().for_each(|increment| monitor.push(&[increment], Rate::ONE));
         monitor.finish()
+    }
+
+    /// An acceleration that begins and ends at once is within the jerk of a probing move alone.
+    #[test]
+    fn the_jerk_of_a_probing_move_counts_in_its_windows_alone() {
+        let steep = |is_probing: fn(usize) -> bool| {
+            let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S).with_probing_jerks(&[1e6]);
+            // 1000 mm/s² at once, for 10 ms, and off again: within the acceleration.
+            for period in 0..600_usize {
+                let increment = match period {
+                    300..310 => period - 299,
+                    310..320 => 320 - period,
+                    _ => 0,
+                };
+                let increment = [increment as i32];
+                if is_probing(period) {
+                    monitor.push_probing(&increment, Rate::ONE);
+                } else {
+                    monitor.push(&increment, Rate::ONE);
+                }
+            }
+            monitor.finish().violations
+        };
+        assert!(steep(|_| false) > 0);
+        assert_eq!(steep(|period| (290..330).contains(&period)), 0);
+        // Long before and long behind, the axis' own jerk counts.
+        assert!(steep(|period| period < 100 || period > 500) > 0);
+        assert!(steep(|period| period == 319) > 0, "the window from rest into the first ramp has no probing period");
     }
 
     #[test]

@@ -186,12 +186,17 @@ impl ManualMove {
             }
         }
         if let ManualMoveState::Moving { mut sent, mut is_armed } = self.state {
-            // The card takes records of a tap once it has its gear.
-            let is_geared = card.status().executed == self.executed.wrapping_add(1);
-            if !matches!(self.arming, Arming::Tap(_)) || is_geared {
+            is_armed = is_armed || self.arm(card);
+            let takes_records = match self.arming {
+                Arming::None => true,
+                // The path may begin again as the probe is armed: it may have limits of its own.
+                Arming::Probe(_) => is_armed,
+                // The card takes records of a tap once it has its gear.
+                Arming::Tap(_) => card.status().executed == self.executed.wrapping_add(1),
+            };
+            if takes_records {
                 self.fill(jog_planner, card);
             }
-            is_armed = is_armed || self.arm(card);
             let is_ready = match self.arming {
                 Arming::None => self.may_move(jog_planner, card),
                 Arming::Probe(_) => card.status().probe != ProbeLatch::Idle && self.may_move(jog_planner, card),

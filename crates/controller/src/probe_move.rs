@@ -38,13 +38,13 @@ impl ProbeMove {
         }
     }
 
-    /// Plans the whole move.
+    /// Plans the whole move, within the limits that the machine has while it probes.
     ///
     /// # Errors
     /// The machine's limits are not valid.
     pub(crate) fn plan<const A: usize>(&self, machine: &MachineConfig) -> Result<Planner<A>, LimitError> {
         let mm = |counts: &[i64; 9]| machine.clone().standing_at(&counts[..A.min(9)]).start_mm();
-        let mut planner = Planner::new(machine.limits(), mm(&self.from))?;
+        let mut planner = Planner::new(machine.probing_limits(), mm(&self.from))?;
         let feed = FeedRate::PerSecond(self.feed_nm_per_s as f64 * 1e-6);
         // Both ends are within the soft limits, so that the planner takes them.
         let _ = planner.line(mm(&self.to), feed, PathMode::ExactStop, 0);

@@ -65,7 +65,7 @@ impl<'a, const A: usize> ProbeStop<'a, A> {
 
     /// What the machine never needs more than to come to rest, on any path.
     fn most_mm(&self, feed_mm_s: f64) -> f64 {
-        let records = self.response_periods() + self.machine.stopping.look_ahead_records;
+        let records = self.response_periods() + self.machine.probe.limits.stopping.look_ahead_records;
         f64::from(records) * feed_mm_s * self.machine.period_s()
     }
 
@@ -76,7 +76,7 @@ impl<'a, const A: usize> ProbeStop<'a, A> {
         let to = self.counts(f64::min(1.0, 6.0 * self.most_mm(feed_mm_s) / length));
         let probing = Probing { away: false, must_trip: true };
         let planned = ProbeMove { from: [0; 9], to, feed_nm_per_s: (feed_mm_s * 1e6) as u64, probing };
-        let drive = self.machine.rate_limits().and_then(Drive::<A, AVERAGE>::new);
+        let drive = self.machine.probing_rate_limits().and_then(Drive::<A, AVERAGE>::new);
         let (Ok(mut planner), Some(mut drive)) = (planned.plan::<A>(self.machine), drive) else { return f64::INFINITY };
         let motion = PlannedMotion(std::iter::from_fn(|| planner.next_record()).collect());
         let stride = (usize::from(drive.limits().average()) / 8).max(1);
@@ -162,12 +162,16 @@ mod tests {
             feed in 1.0..100.0f64,
             length in 0.1..1.0f64,
             responds in prop::collection::vec(0.0..1.0f64, 12),
+            own in prop::option::of((0.3..1.0f64, 0.3..100.0f64)),
         ) {
             let axes = ["x", "y", "z"].map(|name| format!(
                 "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\n\
                  max_acceleration_mm_per_s2 = {acceleration}\nmax_jerk_mm_per_s3 = {jerk}\ntravel_mm = [-500, 500]\n"
             ));
-            let text = format!("control_period_ms = {period_ms}\n{}", axes.concat());
+            let probe = own.map_or_else(String::new, |(share, times)| format!(
+                "[probe]\nacceleration_mm_per_s2 = {}\njerk_mm_per_s3 = {}\n", share * acceleration, times * jerk
+            ));
+            let text = format!("control_period_ms = {period_ms}\n{}{probe}", axes.concat());
             let Ok(machine) = MachineConfig::parse(&text, "m") else { return Ok(()) };
             let to = [20.0, 30.0, -60.0].map(|mm| (mm * length * 1000.0f64).round() / 1000.0);
             let stop = ProbeStop::<3>::new(&machine, &[0.0; 3], &to);
@@ -177,7 +181,7 @@ mod tests {
             let way = ProbeMove { from: [0; 9], to: counts, feed_nm_per_s: (feed * 1e6) as u64, probing };
             let mut planner = way.plan::<3>(&machine).expect("valid");
             let planned = PlannedMotion(std::iter::from_fn(|| planner.next_record()).collect());
-            let drive = machine.rate_limits().and_then(Drive::<3, AVERAGE>::new).expect("valid");
+            let drive = machine.probing_rate_limits().and_then(Drive::<3, AVERAGE>::new).expect("valid");
             for share in responds {
                 let responded = (share * planned.0.len() as f64) as u32;
                 let rest = planned.rest(&drive, Place::start_of(planned.low()), responded + RESPONSE_PERIODS);
@@ -186,6 +190,19 @@ mod tests {
                 prop_assert!(mm <= stop.most_mm(feed) + 0.001, "{mm} mm");
             }
         }
+    }
+
+    /// From 10 mm/s, with the touch at even speed: the response, and then the braking.
+    #[test]
+    fn a_higher_jerk_of_a_probing_move_shortens_the_stop() {
+        let longest = |probe: &str| {
+            let machine = MachineConfig::parse(&format!("[probe]\n{probe}"), "m").expect("valid");
+            ProbeStop::<3>::new(&machine, &[0.0; 3], &[0.0, 0.0, -5.0]).longest_stop_mm(10.0)
+        };
+        let (usual, steep) = (longest(""), longest("jerk_mm_per_s3 = 1e9\n"));
+        assert!((0.29..0.36).contains(&usual), "{usual}");
+        assert!((0.05..0.1).contains(&steep), "{steep}");
+        assert!(longest("acceleration_mm_per_s2 = 100\n") > usual + 0.1);
     }
 
     #[test]

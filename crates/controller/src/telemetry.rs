@@ -89,6 +89,8 @@ pub struct PeriodRecord<const A: usize> {
     pub height: HeightState,
     /// Readings of the analog inputs.
     pub analog_inputs: AnalogInputs,
+    /// Whether the motion has the acceleration and jerk of a probing move: it is one, or one that is retraced.
+    pub is_probing: bool,
 }
 
 impl<const A: usize> PeriodRecord<A> {
@@ -124,6 +126,7 @@ impl<const A: usize> PeriodRecord<A> {
             spindle: status.spindle,
             height: status.height_state(),
             analog_inputs: status.analog_inputs,
+            is_probing: false,
         }
     }
 }

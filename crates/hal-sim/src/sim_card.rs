@@ -11,7 +11,7 @@ use retrace_core::RecordIndex;
 use retrace_core::limits::RateLimits;
 use retrace_link::{
     Alarm, CardCore, CardFailure, CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, MotionCard,
-    Outputs, PathStart,
+    Outputs, PathStart, ProbeLatch,
 };
 
 use crate::count_checker::CountChecker;
@@ -45,6 +45,10 @@ pub struct SimCard<const A: usize> {
     /// Counts of the axes where the counters' positions are 0, before any homing.
     initial_counts: [i64; A],
     settings: CardSettings<A>,
+    /// Limits of a path on which a probe is armed.
+    probing_limits: RateLimits<A>,
+    /// Where the path began.
+    start: PathStart,
     clock: Clock,
     late_periods: u64,
     traced: Option<Box<Traced<A>>>,
@@ -144,6 +148,8 @@ impl<const A: usize> SimCard<A> {
             compared,
             initial_counts: [0; A],
             settings,
+            probing_limits: settings.limits,
+            start: settings.start,
             clock,
             late_periods: 0,
             traced: None,
@@ -160,6 +166,13 @@ impl<const A: usize> SimCard<A> {
         self.compared.set_layer(self.settings.layer);
         self.initial_counts = counts;
         self.machine.outputs(0, outputs);
+        self
+    }
+
+    /// The card with these limits of a path on which a probe is armed; every other one has those of the settings.
+    #[must_use]
+    pub fn with_probing_limits(mut self, limits: RateLimits<A>) -> Self {
+        self.probing_limits = limits;
         self
     }
 
@@ -220,6 +233,12 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
     }
 
     fn send(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        let is_idle = self.card.status().probe == ProbeLatch::Idle;
+        if matches!(command, HostCommand::ArmProbe(_)) && is_idle && self.probing_limits != self.settings.limits {
+            // The path begins again: nothing has moved on it yet.
+            let start = PathStart { executed: self.card.status().executed, ..self.start };
+            self.card.open(&CardSettings { start, limits: self.probing_limits, ..self.settings })?;
+        }
         self.card.accept(command)
     }
 
@@ -249,6 +268,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
     }
 
     fn begin_path(&mut self, start: PathStart) -> Result<(), SimCardError> {
+        self.start = start;
         self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::EpochRefused)
     }
 

@@ -377,6 +377,7 @@ impl FakeMachine {
             spindle: SpindleStatus::default(),
             height: HeightState::Off,
             analog_inputs: AnalogInputs::default(),
+            is_probing: false,
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

@@ -46,6 +46,7 @@ mod page_tls;
 mod pierces;
 mod probing;
 mod probing_cycles;
+mod probing_limits;
 mod program_override;
 #[cfg(target_os = "linux")]
 mod ramp_pierce;

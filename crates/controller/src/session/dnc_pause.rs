@@ -426,6 +426,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
             off_path: true,
+            is_probing: self.probing.is_probing_move(),
             ..PeriodRecord::from_status(status)
         };
         self.telemetry.send(Telemetry::Period(period));

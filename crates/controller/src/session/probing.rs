@@ -9,8 +9,8 @@
 
 use std::sync::mpsc::SyncSender;
 
-use retrace_config::MachineConfig;
-use retrace_core::{Place, Rate, RecordIndex};
+use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig};
+use retrace_core::{Flags, Place, Rate, RecordIndex};
 use retrace_journal::{ProbeAnswer, ProgramAnswer, TapAnswer};
 use retrace_link::{
     CardStatus, GearState, HostCommand, MotionCard, PathStart, ProbeArming, ProbeLatch, SpindleControl,
@@ -46,6 +46,8 @@ pub(super) struct ProgramProbing<const A: usize> {
     /// The probe's input, and the filter of its level.
     input: Option<(u8, u16)>,
     plug: ProbePlug,
+    /// Records ahead that are enough to run a probing move at full rate.
+    look_ahead_records: u32,
     axes: usize,
     current: Option<CurrentProbing<A>>,
     /// Periods of the move in progress: runs of their number and the distance in each.
@@ -109,7 +111,19 @@ impl<const A: usize> ProgramProbing<A> {
         let input = machine.probe.input.map(|input| (input, machine.probe.filter_periods));
         let runs = Vec::with_capacity(if input.is_some() { MAX_RUNS } else { 0 });
         let (plug, axes) = (ProbePlug::new(machine.probe.connected_input), machine.axes.len());
-        Self { answers: None, input, plug, axes, current: None, runs, moved: 0, turned: 0, is_resumed_tap: false }
+        let look_ahead_records = machine.probe.limits.stopping.look_ahead_records + IN_FLIGHT_RECORDS;
+        Self {
+            answers: None,
+            input,
+            plug,
+            look_ahead_records,
+            axes,
+            current: None,
+            runs,
+            moved: 0,
+            turned: 0,
+            is_resumed_tap: false,
+        }
     }
 
     /// Begins a probing move or a tap.
@@ -122,6 +136,11 @@ impl<const A: usize> ProgramProbing<A> {
     /// Whether a probing move is in progress.
     pub(super) fn is_active(&self) -> bool {
         self.current.is_some()
+    }
+
+    /// Whether what is in progress is a probing move.
+    pub(super) fn is_probing_move(&self) -> bool {
+        self.current.as_ref().is_some_and(|current| matches!(current.question, OffPathMove::Probe(_)))
     }
 
     /// Whether the tap in progress is, or was, on its way.
@@ -190,7 +209,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         line: u32,
     ) -> Result<(), CardError> {
         let CardStatus { executed, counts, .. } = *self.card.status();
-        let (look_ahead, wall_time) = (self.config.look_ahead_records, self.config.run_mode.wall_time);
+        let wall_time = self.config.run_mode.wall_time;
+        let look_ahead = match question {
+            OffPathMove::Probe(_) => self.probing.look_ahead_records,
+            OffPathMove::Tap(_) => self.config.look_ahead_records,
+        };
         let Some(hand) = &mut self.dnc.jog_planner else {
             return Err(fault("E3031", "there is no planner of manual moves", "please report this"));
         };
@@ -415,6 +438,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let kind = EventKind::Probed { touched: touch.is_some(), counts };
         self.emit_at_place(line, Place::start_of(place), kind);
         Ok(())
+    }
+
+    /// Whether the cursor is, or was in this period, in a probing move that has become part of the path.
+    pub(super) fn retraces_probing(&self, status: &CardStatus<A>) -> bool {
+        let here = status.place.record;
+        let is_probing =
+            |place| self.streamer.record(place).is_some_and(|record| record.flags.contains(Flags::PROBING));
+        self.probing.input.is_some() && status.rate != Rate::ZERO && (is_probing(here) || is_probing(here - 1))
     }
 
     fn reason_of_end(&self) -> String {

@@ -33,6 +33,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             override_is_off: !self.override_applies(),
             off_path: self.is_on_lead_in(),
             line: self.line_at_cursor(status),
+            is_probing: self.retraces_probing(status),
             ..PeriodRecord::from_status(status)
         };
         self.telemetry.send(Telemetry::Period(period));
