@@ -4,7 +4,8 @@
 
 use retrace_config::{CutterKind, MachineConfig, NumberedError};
 use retrace_controller::{
-    CheckFinding, CutFrame, FrameShape, LimitCheck, ProgramAnalysis, ThreadRuns, analyse_program, check_program,
+    CheckFinding, CutFrame, FrameShape, LimitCheck, ProgramAnalysis, ThreadRuns, analyse_program, analyse_unchecked,
+    check_program,
 };
 use retrace_motion::LimitError;
 use serde_json::Value;
@@ -74,7 +75,7 @@ impl Program {
     ) -> Option<Checked<ProgramAnalysis<'m, A>>> {
         self.prescan().filter(|prescan| prescan.lines() <= MAX_LINES_AT_ONCE && prescan.diagnostics().is_empty())?;
         let mut decoder = self.report_decoder();
-        let (blocks, findings, found) = analyse_program(machine, &mut decoder, None).ok()?;
+        let (blocks, findings, found) = analyse_unchecked(machine, &mut decoder)?;
         let all = self.diagnostics_of(&mut decoder, &findings);
         if all.iter().any(|one| one.is_error) {
             return None;

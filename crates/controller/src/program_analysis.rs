@@ -27,7 +27,8 @@ use crate::planned_path::{CutState, PathRecorder, PlannedPath};
 use crate::probe_move::ProbeOutcome;
 use crate::question::InputQuestion;
 use crate::tap_move::RigidTap;
-use crate::thread_plan::{ThreadCheck, ThreadRuns, ThreadStretch};
+use crate::thread_plan::{ThreadRuns, ThreadStretch};
+use crate::thread_plans::ThreadPlans;
 use crate::value_range::ValueRange;
 
 /// Extents in the coordinates in which a program was written.
@@ -78,8 +79,8 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub speed_rpm: Option<ValueRange>,
     /// Run-in and run-out of the threads.
     pub threads: ThreadRuns,
-    /// Planner of the threads; `None` where they were planned before.
-    thread_check: Option<ThreadCheck>,
+    /// What plans the threads.
+    pub(crate) thread_plans: ThreadPlans<A>,
     /// Retrace barriers, by line, each once.
     pub barriers: BTreeSet<BarrierLine>,
     /// Lines with a program stop.
@@ -140,7 +141,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             feed_mm_per_min: None,
             speed_rpm: None,
             threads: ThreadRuns::default(),
-            thread_check: Some(ThreadCheck::default()),
+            thread_plans: ThreadPlans::default(),
             barriers: BTreeSet::new(),
             stops: BTreeSet::new(),
             cutting_mm: 0.0,
@@ -454,13 +455,11 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     fn thread(&mut self, stretch: &ThreadStretch<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
         self.rest();
         let from = *self.scan.position_mm();
-        if let Some(check) = &mut self.thread_check
-            && !has_unknown(&from)
-            && !stretch.rpm.is_nan()
-        {
-            let planned = check.run_mm(stretch, self.scan.machine(), encoder, from);
-            let run_mm = planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))?;
-            self.threads.add(stretch.line(), run_mm);
+        if !has_unknown(&from) && !stretch.rpm.is_nan() {
+            let planned = self.thread_plans.run_mm(stretch, self.scan.machine(), encoder, from);
+            if let Some(run_mm) = planned.map_err(|error| PlanWriteError::of_thread(error, stretch.line()))? {
+                self.threads.add(stretch.line(), run_mm);
+            }
         }
         for piece in &stretch.pieces {
             let feed = FeedRate::PerSecond(piece.pitch_mm * stretch.rpm / 60.0);
@@ -474,7 +473,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     fn tap(&mut self, tap: &RigidTap<A>, encoder: &EncoderConfig) -> Result<(), PlanWriteError> {
         self.rest();
         let is_known = !has_unknown(&tap.from_mm) && !has_unknown(&tap.depth_mm) && !tap.rpm.is_nan();
-        if self.thread_check.is_some() && is_known {
+        if !self.thread_plans.are_known() && is_known {
             let planned = tap.run_in_mm(self.scan.machine(), encoder);
             let run_in_mm = planned.map_err(|error| PlanWriteError::of_thread(error, tap.line))?;
             // What is behind the depth is for the reversal.
@@ -551,7 +550,7 @@ pub fn analyse_program<'m, const A: usize>(
 ) -> Result<Analysed<'m, A>, LimitError> {
     let mut analysis = ProgramAnalysis::new(machine)?;
     if let Some(threads) = threads {
-        (analysis.threads, analysis.thread_check) = (threads, None);
+        (analysis.threads, analysis.thread_plans) = (threads, ThreadPlans::Known);
     }
     analyse(machine, program, analysis, &mut drop)
 }
@@ -575,7 +574,7 @@ pub fn analyse_path<'m, const A: usize>(
 /// Analysis of a program: number of blocks, findings, and the analysis itself.
 pub type Analysed<'m, const A: usize> = (u64, Vec<CheckFinding>, ProgramAnalysis<'m, A>);
 
-fn analyse<'m, const A: usize>(
+pub(crate) fn analyse<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,
     mut survey: ProgramAnalysis<'m, A>,
