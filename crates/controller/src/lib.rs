@@ -89,6 +89,7 @@ mod thread_plan;
 mod thread_plans;
 mod thread_run_in;
 mod tool_length;
+mod unchecked_analysis;
 mod value_range;
 
 pub use abrasive_flow::AbrasiveFlow;
@@ -151,6 +152,6 @@ pub use start_line::StartPoint;
 pub use tape::{ReceivedByte, TapeError, TapeReader, UnsendableCharacter, tape_of};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
 pub use thread_plan::{ThreadError, ThreadPiece, ThreadPlan, ThreadPlanner, ThreadRuns, ThreadStretch};
-pub use thread_plans::analyse_unchecked;
 pub use tool_length::{EnteredLength, ToolLengthError};
+pub use unchecked_analysis::analyse_unchecked;
 pub use value_range::ValueRange;

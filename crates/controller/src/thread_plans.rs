@@ -2,17 +2,11 @@
 //!
 //! Invariant: the run-in and run-out of a thread do not depend on when it is planned.
 
-use std::sync::mpsc::{self, Receiver, SyncSender};
-use std::thread;
+use std::sync::mpsc::{Receiver, SyncSender};
 
 use retrace_config::{EncoderConfig, MachineConfig};
 
-use crate::block_decoder::BlockDecoder;
-use crate::program_analysis::{Analysed, ProgramAnalysis, analyse};
 use crate::thread_plan::{ThreadCheck, ThreadError, ThreadRuns, ThreadStretch};
-
-/// Maximum number of stretches that wait to be planned.
-const MAX_QUEUED: usize = 256;
 
 /// What plans the threads of an analysis.
 #[derive(Debug)]
@@ -69,7 +63,7 @@ impl<const A: usize> ThreadPlans<A> {
 }
 
 /// Plans the stretches of a program, until it has no more or one cannot be planned.
-fn plan_queued<const A: usize>(
+pub(crate) fn plan_queued<const A: usize>(
     machine: &MachineConfig,
     queue: &Receiver<QueuedStretch<A>>,
 ) -> Result<ThreadRuns, ThreadError> {
@@ -78,28 +72,4 @@ fn plan_queued<const A: usize>(
         threads.add(stretch.line(), check.run_mm(&stretch, machine, &encoder, from_mm)?);
     }
     Ok(threads)
-}
-
-/// Analyses a whole program that was not checked before; its threads are planned in a thread of their own. Returns the
-/// number of blocks, the findings, and the analysis. Returns `None` where a thread, or nothing, can be planned: a check
-/// has the reason.
-pub fn analyse_unchecked<'m, const A: usize>(
-    machine: &'m MachineConfig,
-    program: &mut impl BlockDecoder,
-) -> Option<Analysed<'m, A>> {
-    let mut analysis = ProgramAnalysis::new(machine).ok()?;
-    if machine.encoder.is_none() {
-        return analyse(machine, program, analysis, &mut drop).ok();
-    }
-    thread::scope(|scope| {
-        let (sender, queue) = mpsc::sync_channel(MAX_QUEUED);
-        let planner = scope.spawn(move || plan_queued(machine, &queue));
-        analysis.thread_plans = ThreadPlans::Beside(sender);
-        let (blocks, findings, mut analysis) = analyse(machine, program, analysis, &mut drop).ok()?;
-        // Nothing more is sent, so that the other thread ends.
-        analysis.thread_plans = ThreadPlans::Known;
-        let planned = planner.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)).ok()?;
-        planned.iter().for_each(|(line, run_mm)| analysis.threads.add(line, run_mm));
-        Some((blocks, findings, analysis))
-    })
 }
