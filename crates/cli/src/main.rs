@@ -35,6 +35,7 @@ mod draw;
 mod draw_job;
 mod escape;
 mod files;
+mod greeted_card;
 mod homing_notes;
 mod job_runner;
 mod job_script;

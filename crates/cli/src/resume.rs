@@ -21,11 +21,12 @@ use retrace_link::{Greeting, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
 use crate::command_failure::CommandFailure;
+use crate::greeted_card::GreetedCard;
 use crate::homing_notes::Homing;
 use crate::job_runner::{JobRunner, OutputOptions, TuiOptions, prepare_real_time};
 use crate::job_script::of_resumed_job;
 use crate::journaled_job::{self, JournaledJob};
-use crate::linked_card::{self, GreetedCard};
+use crate::linked_card;
 use crate::machine_tables::{self, TableFiles};
 use crate::operate::{self, ResumingJob};
 use crate::probing_card::ProbingCard;

@@ -58,6 +58,7 @@ mod pierce_mode;
 mod plan_mode;
 mod probe_config;
 mod probing_limits;
+mod probing_machine;
 mod qtplasmac_file;
 mod rate_limits;
 mod serial;

@@ -42,7 +42,8 @@ pub(crate) struct ProbeSection {
     filter_us: f64,
     /// Longest way in mm from the touch to where the machine comes to rest. A faster feed is refused.
     overtravel_mm: f64,
-    /// Highest acceleration in mm/s² in a probing move. Default: that of each axis. An axis whose own is lower keeps it.
+    /// Highest acceleration in mm/s² in a probing move. Default: that of each axis. An axis whose own is lower keeps
+    /// it.
     acceleration_mm_per_s2: Option<f64>,
     /// Highest jerk in mm/s³ in a probing move, of all axes; it may be above theirs, for a shorter stop behind a touch.
     /// Default: that of each axis.

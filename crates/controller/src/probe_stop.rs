@@ -192,7 +192,7 @@ mod tests {
         }
     }
 
-    /// From 10 mm/s, with the touch at even speed: the response, and then the braking.
+    /// From 10 mm/s, wherever it is touched: the response, and then the braking.
     #[test]
     fn a_higher_jerk_of_a_probing_move_shortens_the_stop() {
         let longest = |probe: &str| {
@@ -200,9 +200,9 @@ mod tests {
             ProbeStop::<3>::new(&machine, &[0.0; 3], &[0.0, 0.0, -5.0]).longest_stop_mm(10.0)
         };
         let (usual, steep) = (longest(""), longest("jerk_mm_per_s3 = 1e9\n"));
-        assert!((0.29..0.36).contains(&usual), "{usual}");
-        assert!((0.05..0.1).contains(&steep), "{steep}");
-        assert!(longest("acceleration_mm_per_s2 = 100\n") > usual + 0.1);
+        assert!((0.4..0.6).contains(&usual), "{usual}");
+        assert!((0.05..0.12).contains(&steep), "{steep}");
+        assert!(longest("acceleration_mm_per_s2 = 50\n") > usual + 0.3);
     }
 
     #[test]

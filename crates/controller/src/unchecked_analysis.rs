@@ -16,8 +16,8 @@ use crate::thread_plans::{ThreadPlans, plan_queued};
 const MAX_QUEUED: usize = 256;
 
 /// Analyses a whole program that was not checked before; its threads are planned in a thread of their own. Returns the
-/// number of blocks, the findings, and the analysis. Returns `None` where a thread cannot be planned, or the planner does
-/// not accept the limits: a check, or [`crate::analyse_program`], has the reason.
+/// number of blocks, the findings, and the analysis. Returns `None` where a thread cannot be planned, or the planner
+/// does not accept the limits: a check, or [`crate::analyse_program`], has the reason.
 pub fn analyse_unchecked<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,

@@ -11,7 +11,7 @@ use retrace_tests::pins::{self, Sample};
 use retrace_tests::served::ServedCard;
 
 const SPINDLE: &str = "[spindle]\ncounts_per_turn = 400\nmax_rpm = 3000\n";
-const STOP: &str = "[card]\nwatchdog_ms = 1000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
+const STOP: &str = "[card]\nwatchdog_ms = 400\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
 /// Two holes: 40 mm below a start 3 mm above the work.
 const TAPS: &str = "G21 G90\nS600 M3\nG0 X5 Z3\nG33.1 Z-40 K1\nG0 X10\nG33.1 Z-12 K1\nG0 X0 Z10\nM5\nM2\n";
 
