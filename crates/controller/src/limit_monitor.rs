@@ -395,7 +395,7 @@ mod tests {
         assert!(steep(|_| false) > 0);
         assert_eq!(steep(|period| (290..330).contains(&period)), 0);
         // Long before and long behind, the axis' own jerk counts.
-        assert!(steep(|period| period < 100 || period > 500) > 0);
+        assert!(steep(|period| !(100..=500).contains(&period)) > 0);
         assert!(steep(|period| period == 319) > 0, "the window from rest into the first ramp has no probing period");
     }
 
