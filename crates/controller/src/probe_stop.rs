@@ -192,12 +192,12 @@ mod tests {
         }
     }
 
-    /// From 10 mm/s, wherever it is touched: the response, and then the braking.
+    /// From 10 mm/s, wherever it is touched: the response, and then the braking. The move is long enough for that speed.
     #[test]
     fn a_higher_jerk_of_a_probing_move_shortens_the_stop() {
         let longest = |probe: &str| {
             let machine = MachineConfig::parse(&format!("[probe]\n{probe}"), "m").expect("valid");
-            ProbeStop::<3>::new(&machine, &[0.0; 3], &[0.0, 0.0, -5.0]).longest_stop_mm(10.0)
+            ProbeStop::<3>::new(&machine, &[0.0; 3], &[0.0, 0.0, -50.0]).longest_stop_mm(10.0)
         };
         let (usual, steep) = (longest(""), longest("jerk_mm_per_s3 = 1e9\n"));
         assert!((0.4..0.6).contains(&usual), "{usual}");
