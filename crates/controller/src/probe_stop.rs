@@ -192,7 +192,7 @@ mod tests {
         }
     }
 
-    /// From 10 mm/s, wherever it is touched: the response, and then the braking. The move is long enough for that speed.
+    /// From 10 mm/s, wherever it is touched: the response, and then the braking. The move is long enough for it.
     #[test]
     fn a_higher_jerk_of_a_probing_move_shortens_the_stop() {
         let longest = |probe: &str| {
